@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import ErrorTerms, ErrorWork
-from cablepod.condensed._terms import runtime_sizes, terms_of_lane
+from cablepod.condensed._kernels_layout import ErrorTerms, ErrorWork, LeadingTerms
+from cablepod.condensed._terms import runtime_sizes
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
 
@@ -82,6 +82,19 @@ class _Points(NamedTuple):
     slopes: np.ndarray
 
 
+class Cables(NamedTuple):
+    """Numbers of cables (cables,)."""
+
+    stiffness: np.ndarray  #: K [N]
+    mass: np.ndarray  #: per unstretched length [kg/m]
+    damping: np.ndarray  #: by mass [1/s]
+    length: np.ndarray  #: L0 [m]
+
+
+#: Coefficients of an error equation that differ between cables.
+OF_CABLES = ("change", "weights", "force_patterns", "slopes_of_motion", "slopes", "inertia", "damping")
+
+
 def unit_coefficients(
     sets: Sequence[np.ndarray], sigma: np.ndarray, p: Parameters, points: int
 ) -> tuple[Coefficients, _Points]:
@@ -145,8 +158,7 @@ def _unit_coefficients(
 def scaled_terms(
     unit: Coefficients,
     at: _Points,
-    p: Parameters,
-    length: float,
+    cables: Cables,
     load: np.ndarray,
     change: np.ndarray,
     in_plane: int,
@@ -154,47 +166,60 @@ def scaled_terms(
     leading: bool,
     green: bool,
 ) -> ErrorTerms:
-    """Return the coefficients of the error equation of a cable from those of unit length and mass.
+    """Return the coefficients of the error equations of cables from those of unit length and mass, with a leading dimension.
 
     Parameters
     ----------
     unit, at
         Coefficients of the enriched model, and points along the cable, of unit length and mass.
-    p, length
-        Stiffness, mass and damping of the cable, and its length [m].
+    cables
+        Numbers of the cables.
     load
-        Factor of each load pattern (patterns,).
+        Factor of each load pattern (cables, patterns).
     change, in_plane
-        Matrix from the coordinates of the motion to the enriched ones (R, r), and the number of the motion's in plane.
+        Matrices from the coordinates of the motion to the enriched ones (cables, R, r), and the number of the motion's in plane.
     leading, green
         Whether the motion obeys the closure to leading order; whether law (21) holds.
     """
-    shape = 1.0 / math.sqrt(p.mass * length)
-    slopes = (shape / length) * at.slopes
-    enriched = terms_of_lane(
-        p.stiffness,
-        length,
+    count, size, normals = len(load), change.shape[1], len(unit.load_projection) // load.shape[1]
+    length, mass = cables.length[:, None], cables.mass[:, None]
+    shape = 1.0 / np.sqrt(mass * length)
+    slopes = (shape / length)[..., None] * at.slopes
+    matrices = (load * shape * shape / length)[:, :, None, None] * unit.geometric_stiffness
+    projection = (np.tile(load, normals) * shape)[:, :, None] * unit.load_projection
+    enriched = LeadingTerms(
+        cables.stiffness[:, None],
+        1.0 / length,
+        0.5 * cables.stiffness[:, None] / length,
         unit.slope_norms_squared * (shape * shape / length),
         load * unit.mean_chordwise_forces,
-        (load * shape * shape / length)[:, None, None] * unit.geometric_stiffness,
-        np.tile(load, p.dims - 1)[:, None] * shape * unit.load_projection,
+        matrices.reshape(count, -1),
+        projection.reshape(count, -1),
     )
+    powers = at.inertia_powers
     return ErrorTerms(
-        sizes=runtime_sizes(len(change), load.size, load.size * (p.dims - 1)),
+        sizes=runtime_sizes(size, load.shape[1], len(unit.load_projection)),
         enriched=enriched,
         change=change,
         weights=length * at.weights,
-        force_patterns=np.ascontiguousarray((load[:, None] * at.patterns).T),
-        slopes_of_motion=np.ascontiguousarray(slopes.T @ change),
+        force_patterns=at.patterns.T * load[:, None, :],
+        slopes_of_motion=np.swapaxes(slopes, 1, 2) @ change,
         slopes=slopes,
         in_plane=in_plane,
         enriched_in_plane=unit.n_in_plane,
-        inertia=p.mass ** (at.inertia_powers > 0.0) * length**at.inertia_powers * at.inertia,
-        damping=p.mass_damping or 0.0,
-        green=bool(green),
+        inertia=mass[..., None] ** (powers > 0.0) * length[..., None] ** powers * at.inertia,
+        damping=cables.damping,
+        green=green,
         leading=leading,
         corrections=CORRECTIONS_LEADING if leading else CORRECTIONS,
     )
+
+
+def terms_of_cable(terms: ErrorTerms, number: int) -> ErrorTerms:
+    """Return the coefficients of one cable of many."""
+    enriched = LeadingTerms(*(array[number] for array in terms.enriched))
+    own = {name: getattr(terms, name)[number] for name in OF_CABLES}
+    return terms._replace(enriched=enriched, **own)
 
 
 @dataclass(frozen=True)
@@ -241,7 +266,12 @@ class ErrorEquation:
         projection = unit.shapes * unit.mass / shape
         change = projection @ shapes.T
         change[: unit.n_in_plane, in_plane:] = change[unit.n_in_plane :, :in_plane] = 0.0
-        terms = scaled_terms(unit, at, p, length, load, change, in_plane, leading=leading, green=chain.green)
+        numbers = (p.stiffness, p.mass, p.damping, length)
+        cables = Cables(*(np.array([number], dtype=float) for number in numbers))
+        terms = scaled_terms(
+            unit, at, cables, load[None], change[None], in_plane, leading=leading, green=bool(chain.green)
+        )
+        terms = terms_of_cable(terms, 0)
         return cls(chain, terms, projection, (shape / length) * unit.slopes, shape * unit.shapes)
 
     @property
@@ -264,7 +294,7 @@ class ErrorEquation:
         terms = terms._replace(
             sizes=runtime_sizes(size, len(terms.sizes.patterns), loads.size // size),
             enriched=terms.enriched._replace(load_projection=loads),
-            damping=terms.damping + damping,
+            damping=float(terms.damping) + damping,
         )
         return replace(self, terms=terms)
 

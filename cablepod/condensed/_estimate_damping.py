@@ -56,7 +56,9 @@ def _damping_by_tension(
     beta, size, kappa = p.tension_damping or 0.0, len(change), terms.kappa
     loads = boundary_data[:, 1 : 1 + terms.mean_chordwise_forces.size]
     motion, moving = q @ change.T, rates @ change.T
-    straight = p.stiffness * (boundary_data[:, 0] / equation.chain.total_length - 1.0) - loads @ terms.mean_chordwise_forces
+    straight = (
+        p.stiffness * (boundary_data[:, 0] / equation.chain.total_length - 1.0) - loads @ terms.mean_chordwise_forces
+    )
     chord_tension = straight + terms.sag_stiffness[0] * (motion**2 @ kappa)
     forces = chord_tension[:, None] * (kappa * moving)
     for load, stiffness in zip(loads.T, terms.geometric_stiffness.reshape(-1, size, size), strict=True):

@@ -84,13 +84,25 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
         if green:
             for j in range(m):
                 work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
-                correction, derivative, curvature = _newton_green(work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j])
-                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = correction, derivative * flexibility, curvature
+                correction, derivative, curvature = _newton_green(
+                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
+                )
+                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
+                    correction,
+                    derivative * flexibility,
+                    curvature,
+                )
         else:
             for j in range(m):
                 work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
-                correction, derivative, curvature = _newton_linear(work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j])
-                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = correction, derivative * flexibility, curvature
+                correction, derivative, curvature = _newton_linear(
+                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
+                )
+                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
+                    correction,
+                    derivative * flexibility,
+                    curvature,
+                )
         reach, compliance = 0.0, 0.0
         for j in range(m):
             reach += weights[j] * (stretch[j] + work[RESIDUAL, j])

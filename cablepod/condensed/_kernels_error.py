@@ -27,7 +27,11 @@ SLOPE, SLOPE_RATE, SLOPE_ACCELERATION = 0, 2, 4
 FORCE, SQUARED, STRETCH, CORRECTION, COMPLIANCE, SECOND_RATE, MOMENTUM = 6, 7, 8, 9, 10, 11, 12
 # Sums over the points (SUMS, BLOCK).
 TENSION, TENSION_CHANGE, LARGEST_FORCE = 0, 1, 2  #: H to leading order, its change by the exact closure, largest N [N]
-CHORD, REACH, FLEXIBILITY = 3, 4, 5  #: integrals of zeta' to leading order and now [m], and of its derivative by N [m/N]
+CHORD, REACH, FLEXIBILITY = (
+    3,
+    4,
+    5,
+)  #: integrals of zeta' to leading order and now [m], and of its derivative by N [m/N]
 
 
 @compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
@@ -216,7 +220,7 @@ def error_growth(
     e, increment, position, force, inverse_mass = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     slope, tension, rows = vectors[5], vectors[6], boundary_data.reshape(-1)
     squared_step, furthest = step * step, -1.0
-    for t in range(y.shape[0]):
+    for t in range(boundary_data.shape[0]):
         square = 0.0
         for i in range(size):
             square += e[i] * e[i]

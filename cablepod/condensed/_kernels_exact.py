@@ -198,7 +198,21 @@ def _record_exact(terms, stretch, closure, number, low, high, monitor):
 
 @compiled
 def exact_verlet(
-    exact, sizes, terms, bounds, damped, rate_terms, air, boundary_data, state, stretch, begin, record, low, high, monitor
+    exact,
+    sizes,
+    terms,
+    bounds,
+    damped,
+    rate_terms,
+    air,
+    boundary_data,
+    state,
+    stretch,
+    begin,
+    record,
+    low,
+    high,
+    monitor,
 ):
     """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 

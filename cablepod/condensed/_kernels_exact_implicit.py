@@ -63,7 +63,11 @@ def exact_trapezoidal(
             q_start[j] = q[j]
             q[j] += step * v[j] + 0.25 * step * step * (3.0 * acceleration[j] - previous_acceleration[j])
             scale = max(scale, abs(q[j]))
-        previous_change, converged, row = 0.0, False, boundary_data[i + 1]  # the first correction has no known reduction
+        previous_change, converged, row = (
+            0.0,
+            False,
+            boundary_data[i + 1],
+        )  # the first correction has no known reduction
         for _ in range(MAX_ITERATIONS):
             for j in range(r):
                 rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]

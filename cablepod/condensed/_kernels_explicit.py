@@ -22,15 +22,16 @@ def _add_excess(sizes, damped, q, f):
 
 
 @compiled(fastmath=FUSED, noalias=True, counted=False)
-def _start_numerov(sizes, terms, damped, rows, steps, state):
+def _start_numerov(sizes, terms, damped, rows, state):
     """Change the rates at the start into (u(h) - u) / h for u = exp(c t / 2) q, and fill the force one step before the start.
 
     The first step is that of the parabola through the forces at the first three instants, which two corrections find: the first
     leaves an error of fifth order.  The force before the start is that of the parabola.
     """
-    lanes, size, columns = len(sizes.lanes), len(sizes.modes), 1 + len(sizes.patterns) + len(sizes.normal_loads)
+    lanes, size = len(sizes.lanes), len(sizes.modes)
+    columns = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes
+    last, h = rows.size // columns - 1, damped.step
     q, v, before, earlier, f, rate, new_q, tension = state
-    h = damped.step
     for j in range(size):
         for m in range(lanes):
             k = j * lanes + m
@@ -44,7 +45,7 @@ def _start_numerov(sizes, terms, damped, rows, steps, state):
                 new_q[k] = decay * (q[k] + h * rate[k])
                 if ahead == 2:
                     new_q[k] = decay * decay * (q[k] + h * (2.0 * rate[k] + h * before[k]))
-        _forces(sizes, terms, rows, min(ahead, steps) * columns * lanes, new_q, tension, earlier)
+        _forces(sizes, terms, rows, min(ahead, last) * columns, new_q, tension, earlier)
         _add_excess(sizes, damped, new_q, earlier)
         for j in range(size):
             for m in range(lanes):
@@ -81,7 +82,8 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     damped, state, record
         See above.  At the start `state.v` holds the rates; later, and on return, (u - u(t - h)) / h for u = q now.
     rows, steps
-        Boundary data (steps + 1, columns, lanes), flat; the last row is the first of the next block.
+        Boundary data (steps + 1 or more, columns, lanes), flat; row number `steps` is the first of the next block.  The first step
+        takes three rows where there are as many.
     begin
         Number of the first step.
     monitor
@@ -98,7 +100,7 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     for i in range(steps + 1):
         number = begin + i
         if i > 0 and number == 1:
-            _start_numerov(sizes, terms, damped, rows, steps, state)
+            _start_numerov(sizes, terms, damped, rows, state)
         elif i > 0:
             for j in range(size):
                 for m in range(lanes):
@@ -129,7 +131,10 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
                     k, damping, decay = j * lanes + m, damped.damping[m], damped.decay[m]
                     rate = v[k]
                     if number > 0:
-                        rate += h / 24.0 * (7.0 * f[k] + decay * (6.0 * before[k] - decay * earlier[k])) - 0.5 * damping * q[k]
+                        rate += (
+                            h / 24.0 * (7.0 * f[k] + decay * (6.0 * before[k] - decay * earlier[k]))
+                            - 0.5 * damping * q[k]
+                        )
                     change = 0.5 * h * (f[k] - 0.25 * damping * damping * q[k] - damping * rate)
                     record.coordinates[saved * size * lanes + k] = q[k]
                     if record.half_step_rates.size:

@@ -45,7 +45,9 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, rows, steps, state, 
         scale = 0.0
         for j in range(r):
             q_start[j] = q[j]
-            known_terms[j] = inertia_factor * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter * acceleration[j]
+            known_terms[j] = (
+                inertia_factor * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter * acceleration[j]
+            )
             q[j] += step * v[j] + quarter * (3.0 * acceleration[j] - previous_acceleration[j])
             scale = max(scale, abs(q[j]))
         previous_change, converged = 0.0, False  # the first correction has no known reduction

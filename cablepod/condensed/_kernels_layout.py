@@ -65,9 +65,15 @@ class LeadingTerms(NamedTuple):
     inverse_length: np.ndarray  #: 1 / L0 (lanes) [1/m]
     sag_stiffness: np.ndarray  #: K / 2 L0 (lanes) [N/m]
     kappa: np.ndarray  #: squared slope norms (r, lanes) [1/(kg m)]
-    mean_chordwise_forces: np.ndarray  #: means of the chordwise force patterns (patterns, lanes) [m], of point loads [1]
-    geometric_stiffness: np.ndarray  #: of unit chordwise force patterns (patterns, r, r, lanes) [1/kg], point loads [1/(kg m)]
-    load_projection: np.ndarray  #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
+    mean_chordwise_forces: (
+        np.ndarray
+    )  #: means of the chordwise force patterns (patterns, lanes) [m], of point loads [1]
+    geometric_stiffness: (
+        np.ndarray
+    )  #: of unit chordwise force patterns (patterns, r, r, lanes) [1/kg], point loads [1/(kg m)]
+    load_projection: (
+        np.ndarray
+    )  #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
 
 
 class RateTerms(NamedTuple):
@@ -115,8 +121,12 @@ class Damped(NamedTuple):
 
     step: float  #: h [s]
     damping: np.ndarray  #: c (lanes) [1/s]
-    decay: np.ndarray  #: of the coordinates over a step, exp(-c h / 2) (lanes); velocity Verlet: of the rates, exp(-c h)
-    impulse: np.ndarray  #: exp(c h / 2) (lanes); velocity Verlet: rate gained in a step for unit acceleration (lanes) [s]
+    decay: (
+        np.ndarray
+    )  #: of the coordinates over a step, exp(-c h / 2) (lanes); velocity Verlet: of the rates, exp(-c h)
+    impulse: (
+        np.ndarray
+    )  #: exp(c h / 2) (lanes); velocity Verlet: rate gained in a step for unit acceleration (lanes) [s]
 
 
 class ExplicitState(NamedTuple):
@@ -137,7 +147,9 @@ class Record(NamedTuple):
 
     steps: np.ndarray  #: numbers of the steps (outputs,)
     coordinates: np.ndarray  #: filled: coordinates (outputs, r, lanes)
-    half_step_rates: np.ndarray  #: filled: rates half a step before and after (outputs, 2, r, lanes), or without entries
+    half_step_rates: (
+        np.ndarray
+    )  #: filled: rates half a step before and after (outputs, 2, r, lanes), or without entries
 
 
 #: Number of samples of the error equation that are computed side by side (a multiple of the vectors of processors; no power of

@@ -46,7 +46,12 @@ def _geometric_forces(sizes, terms, rows, at, tension, x, f):
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, counted=False)
 def _forces(sizes, terms, rows, at, q, tension, f):
     """Fill H (lanes) [N] and the undamped accelerations f (r, lanes) = P p - (H kappa + sum_a g_a G_a) q."""
-    lanes, size, patterns, normal_loads = len(sizes.lanes), len(sizes.modes), len(sizes.patterns), len(sizes.normal_loads)
+    lanes, size, patterns, normal_loads = (
+        len(sizes.lanes),
+        len(sizes.modes),
+        len(sizes.patterns),
+        len(sizes.normal_loads),
+    )
     _chord_tensions(sizes, terms, rows, at, q, tension)
     _geometric_forces(sizes, terms, rows, at, tension, q, f)
     for j in range(size):

@@ -199,7 +199,14 @@ class CondensedModel(Coefficients):
         slopes, patterns, weights = self.rule
         p = self.chain.p
         return ExactTerms(
-            p.stiffness, bool(self.green), slopes, self.n_in_plane, patterns, weights, self.load_projection, self.inertia
+            p.stiffness,
+            bool(self.green),
+            slopes,
+            self.n_in_plane,
+            patterns,
+            weights,
+            self.load_projection,
+            self.inertia,
         )
 
     def sizes(self, *, constant: bool) -> Sizes:
@@ -209,7 +216,9 @@ class CondensedModel(Coefficients):
 
     def bounds(self) -> Bounds:
         """Return what the monitor of a run compares."""
-        return Bounds(self.geometric_stiffness_norms, np.ascontiguousarray(self.chordwise_forces_at_candidates.T), np.empty(1))
+        return Bounds(
+            self.geometric_stiffness_norms, np.ascontiguousarray(self.chordwise_forces_at_candidates.T), np.empty(1)
+        )
 
     @cached_property
     def initial_boundary_data(self) -> np.ndarray:
