@@ -259,12 +259,25 @@ class MemberCoefficients:
         for name, values in (("tension_minimum", done.low), ("tension_maximum", done.high)):
             if name in targets:
                 targets[name][part] = values
-        has_frames = np.ones(part.size, dtype=bool)
-        if not {"position", "tension"} & set(targets):
+        has_frames, wanted = np.ones(part.size, dtype=bool), {"position", "tension"} & set(targets)
+        if not wanted:
             return has_frames
         from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
 
         unit, p, count = self.plan.unit, self.parameters, len(self.total)
+        if "tension" in wanted and len(done.boundary_data[0]) and not done.instants.needs_interpolation:
+            chosen = slice(None) if self.plan.links is None else self.plan.links
+            tables = (self.scaled.named[name][part][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
+            slopes, patterns = map(np.ascontiguousarray, tables)
+            rows = done.instants.left[np.isin(done.instants.times, times)]
+            boundary_data = done.boundary_data.take(rows, axis=1)
+            kernel.tensions_of_members(
+                LeadingTerms(*(array[part] for array in self.terms)), boundary_data, q, slopes, unit.n_in_plane, patterns,
+                part, targets["tension"],
+            )  # fmt: skip
+            wanted.remove("tension")
+        if not wanted:
+            return has_frames
         dims, total = unit.chain.p.dims, self.total[part]
         ends = self.ends.take(part)
         accelerations = np.zeros((part.size, 2 * dims, 0))
@@ -281,7 +294,8 @@ class MemberCoefficients:
             p.mass[part], p.stiffness[part], total[:, None] * unit.chain.length, self.scaled.named["shapes"][part],
             unit.n_in_plane, self.scaled.named["chordwise_force_patterns"][part], factors,
             np.arange(unit.chain.links) if self.plan.links is None else self.plan.links, part,
-            targets.get("position", np.empty((count, 0, 0, dims))), targets.get("tension", np.empty((count, 0, 0))),
+            targets["position"] if "position" in wanted else np.empty((count, 0, 0, dims)),
+            targets["tension"] if "tension" in wanted else np.empty((count, 0, 0)),
             has_frames,
         )  # fmt: skip
         return has_frames
@@ -300,8 +314,9 @@ class CondensedBatch(MemberCoefficients):
         targets = self.targets(rows, result, instants.times.size)
         lanes, everyone = Lanes(self, self.ends, SCHEMES[0], STABLE_PHASE[SCHEMES[0]]), np.arange(len(q))
         wants_extremes = "tension_extremes" in self.plan.outputs
-        done = lanes.advance(everyone, instants, q, v, extremes=wants_extremes, states=False)
-        has_frames = self.fill(everyone, done.q, instants.times, done, targets)
+        loads = "tension" in self.plan.outputs
+        done = lanes.advance(everyone, instants, q, v, extremes=wants_extremes, rates=False, loads=loads)
+        has_frames = self.fill(everyone, np.ascontiguousarray(done.q), instants.times, done, targets)
         self.active &= (1.0 / instants.steps_per_second < limit) & done.completed & has_frames
         result["unstretched_length"] = (), self.total
         return self.active, result | self.places(result), self._attributes(done, limit)

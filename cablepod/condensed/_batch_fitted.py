@@ -166,9 +166,11 @@ class FittedBatch(MemberCoefficients):
         """Run members with equal steps twice, estimate their errors, and fill their rows of the targets."""
         mass = self.parameters.mass[part] * self.total[part]
         start = self.q_rest, self.v_rest
-        first = lanes.advance(part, coarse, *start, extremes=False, states=True)
+        first = lanes.advance(part, coarse, *start, extremes=False, rates=True, loads=True)
         q_first, stable = first.q, first.completed
-        second = lanes.advance(part, fine, *start, extremes="tension_extremes" in self.plan.outputs, states=True)
+        second = lanes.advance(
+            part, fine, *start, extremes="tension_extremes" in self.plan.outputs, rates=True, loads=True
+        )
         q = second.q
         runs = MemberRuns(self, part, second, interval)
         scale = motions_of(runs)

@@ -219,15 +219,14 @@ def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, l
         stretch, force, squared, _ = close_chord(model, q, times, model.chain.p.end_positions(times))
         tension = link_tensions(model, stretch, force, squared)
         return tension if links is None else tension[:, links]
-    boundary_data = model.boundary_data_at(times)
-    loads = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)]
-    k, length = model.chain.p.stiffness, model.chain.total_length
-    sag = 0.5 * (q * q) @ model.slope_norms_squared
-    chord_tension = k * ((boundary_data[:, 0] + sag) / length - 1.0) - loads @ model.mean_chordwise_forces
-    slopes = (q[:, which] @ model.slopes[which][:, links] for which in model.sets)
-    return (chord_tension[:, None] + loads @ model.chordwise_force_patterns[:, links]) * np.sqrt(
-        1.0 + sum(slope * slope for slope in slopes)
-    )
+    from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
+
+    tension = np.empty((len(q), links.size))
+    tables = (np.ascontiguousarray(table[:, links]) for table in (model.slopes, model.chordwise_force_patterns))
+    slopes, patterns = tables
+    q = np.ascontiguousarray(q)
+    kernel.link_tensions(model.terms, model.boundary_data_at(times), q, slopes, model.n_in_plane, patterns, tension)
+    return tension
 
 
 def tension_means(

@@ -14,6 +14,7 @@ from cablepod.condensed._kernels_error import error_at_rest, error_growth, exact
 from cablepod.condensed._kernels_fields import close_leading, deflections, positions
 from cablepod.condensed._kernels_frame import frames
 from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms
+from cablepod.condensed._kernels_recorder import link_tensions
 
 
 @compiled
@@ -73,6 +74,20 @@ def errors_of_members(rest, motions, boundary_data, step, terms, work, drive, ve
             terms.sizes, enriched, terms.leading, own.damping, step, boundary_data[m], y, difference, change, largest_force,
             vectors[m], mean_squares[m], largest[m],
         )  # fmt: skip
+
+
+@compiled
+def tensions_of_members(terms, boundary_data, q, slopes, in_plane, force_patterns, rows, tension):
+    """Fill the tensions of links of many members, see :func:`cablepod.condensed._kernels_recorder.link_tensions`.
+
+    All arrays have a leading dimension of members; those of `tension` (rows, times, links) are `rows` (members,).
+    """
+    for m in range(q.shape[0]):
+        own = LeadingTerms(
+            terms.stiffness[m], terms.inverse_length[m], terms.sag_stiffness[m], terms.kappa[m],
+            terms.mean_chordwise_forces[m], terms.geometric_stiffness[m], terms.load_projection[m],
+        )  # fmt: skip
+        link_tensions(own, boundary_data[m], q[m], slopes[m], in_plane, force_patterns[m], tension[rows[m]])
 
 
 @compiled

@@ -13,7 +13,9 @@ from cablepod.condensed._kernels_layout import (
     MIN_FORCE_STEP,
     OMEGA_SQUARED_LIMIT,
     UNSTABLE_STEP,
+    Sizes,
 )
+from cablepod.condensed._kernels_terms import _chord_tensions
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
@@ -91,3 +93,27 @@ def _update_extremes(sizes, links, rows, at, q, tension):
             value = (tension[m] + links.force[k]) * math.sqrt(1.0 + squared)
             links.low[k] = value if value < links.low[k] else links.low[k]
             links.high[k] = value if value > links.high[k] else links.high[k]
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, tension):
+    """Fill the tensions of links (times, links) [N] of one lane for coordinates q (times, r), see :func:`_update_extremes`.
+
+    `boundary_data` are those of the instants (times, columns), the other tables as in
+    :class:`cablepod.condensed._kernels_layout.Links`, with one lane.
+    """
+    times, r = q.shape
+    chord_tension = np.empty(1)
+    sizes = Sizes((0,), q[0], terms.mean_chordwise_forces, chord_tension)  # the loads along the normals do not count
+    for t in range(times):
+        _chord_tensions(sizes, terms, boundary_data[t], 0, q[t], chord_tension)
+        for j in range(tension.shape[1]):
+            across, out_of_plane, force = 0.0, 0.0, chord_tension[0]
+            for i in range(r):
+                if i < in_plane:
+                    across += slopes[i, j] * q[t, i]
+                else:
+                    out_of_plane += slopes[i, j] * q[t, i]
+            for a in range(force_patterns.shape[0]):
+                force += boundary_data[t, 1 + a] * force_patterns[a, j]
+            tension[t, j] = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)

@@ -101,8 +101,9 @@ class LaneResults:
     def q(self) -> np.ndarray:
         """Coordinates at the instants of the output (members, times, r)."""
         saved = np.swapaxes(self.saved, 0, 1)
+        left = self.instants.left
         if not self.instants.needs_interpolation:
-            return self.saved[:, self.instants.left]
+            return self.saved if np.array_equal(left, np.arange(self.saved.shape[1])) else self.saved.take(left, axis=1)
         before, after = (np.swapaxes(self.half_step_rates[:, :, k], 0, 1) for k in (0, 1))
         rates, accelerations = 0.5 * (before + after), (after - before) * self.instants.steps_per_second
         return np.ascontiguousarray(np.swapaxes(self.instants.at_times(saved, rates, accelerations), 0, 1))
@@ -134,12 +135,20 @@ class Lanes:
         self.of_monitor = batch.scaled.named["geometric_stiffness_norms"], candidates
 
     def advance(
-        self, part: np.ndarray, instants: OutputTimes, q: np.ndarray, v: np.ndarray, *, extremes: bool, states: bool
+        self,
+        part: np.ndarray,
+        instants: OutputTimes,
+        q: np.ndarray,
+        v: np.ndarray,
+        *,
+        extremes: bool,
+        rates: bool,
+        loads: bool,
     ) -> LaneResults:
         """Run the members with the numbers `part`, with the steps of `instants`.
 
         `q` and `v` are coordinates and rates of all members at the start, the latter half a step before for velocity Verlet;
-        `extremes` and `states` tell whether extremes of tensions, and rates and boundary data, are kept.
+        `extremes`, `rates` and `loads` tell whether extremes of tensions, rates and boundary data are kept.
         """
         plan, count, r = self.batch.plan, part.size, q.shape[1]
         saved = instants.steps.size
@@ -147,8 +156,8 @@ class Lanes:
         links = 0 if not extremes else plan.unit.chain.links if plan.links is None else plan.links.size
         shapes = (
             (saved, r),
-            (saved if states else 0, 2, r),
-            (saved if states else 0, columns),
+            (saved if rates else 0, 2, r),
+            (saved if loads else 0, columns),
             (links,),
             (links,),
             (MONITOR_ROWS,),
@@ -159,7 +168,7 @@ class Lanes:
         for g in range(groups):
             lanes = slice(g * LANES, (g + 1) * LANES)
             members = part[np.minimum(np.arange(lanes.start, lanes.stop), count - 1)]  # the last lanes repeat a member
-            group = _Group(self, members, instants, q[members], v[members], links, states=states)
+            group = _Group(self, members, instants, q[members], v[members], links, rates=rates, loads=loads)
             group.run()
             for result, values in zip(results, group.results(), strict=True):
                 result[lanes] = values
@@ -184,7 +193,8 @@ class _Group:
         v: np.ndarray,
         links: int,
         *,
-        states: bool,
+        rates: bool,
+        loads: bool,
     ) -> None:
         batch, p = lanes.batch, lanes.batch.parameters
         plan, named = batch.plan, batch.scaled.named
@@ -210,8 +220,8 @@ class _Group:
         self.monitor[[MIN_FORCE, UNSTABLE_STEP]], self.monitor[OMEGA_SQUARED_LIMIT] = np.inf, limit
         saved, columns = instants.steps.size, 1 + len(lanes.sizes.patterns) + len(lanes.sizes.normal_loads)
         self.coordinates = np.empty((saved, self.r, LANES))
-        self.rates = np.empty((saved if states else 0, 2, self.r, LANES))
-        self.boundary_data = np.empty((saved if states else 0, columns, LANES))
+        self.rates = np.empty((saved if rates else 0, 2, self.r, LANES))
+        self.boundary_data = np.empty((saved if loads else 0, columns, LANES))
         motions = np.ascontiguousarray(np.moveaxis(lanes.ends.motions[members], 0, -1))
         count, dims = len(lanes.ends.rows), p.dims
         work = np.empty((count, 5, LANES)), np.empty((count, 2, 4, LANES)), np.empty((9, LANES))
