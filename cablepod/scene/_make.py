@@ -49,8 +49,8 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     Parameters
     ----------
     mapping
-        Tables as mappings, vectors as sequences, SI units.  Not modified.  A key may also be given by its path, with points or
-        with ``_``: ``{"cable.area": 1.25e-4}``, ``{"cable_area": 1.25e-4}``.
+        Tables as mappings, vectors as sequences, SI units.  Not modified.  A key may also be given by its path with points:
+        ``{"cable.area": 1.25e-4}``.
 
         Motions and load factors, by `kind`: "one_minus_cosine", amplitude (1 - cos(angular_frequency t)); "harmonic", amplitude
         (sin(angular_frequency t + phase) - sin(phase)); "ramp", amplitude s^3 (10 - 15 s + 6 s^2) with s = t / duration, then
