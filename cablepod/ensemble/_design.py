@@ -106,14 +106,10 @@ def design(
         raise SceneError(f"members: missing; allowed: a whole number of at least 1, or {counts}")
     whole, checked = _check_ranges(scene, ranges, prefix, options)
     scenes = _vary(whole, _sample(checked, **options), checked)
-    scenes.attrs = {
-        name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
-    }
+    scenes.attrs = {name: value for name, value in scene.attrs.items() if name != "ensemble_json"}
     scenes.attrs |= {"title": f"{scene.attrs.get('title', 'scene')}: {options['members']} members"}
     record = {**options, "ranges": checked}
-    return provenance.stamp_values(
-        provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
-    )
+    return provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
 
 
 def _check_ranges(

@@ -143,9 +143,7 @@ def _of_tables(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = provenance.Abridged(json.dumps(tree["ensemble"], sort_keys=True))
     identity = {"scene": _without_places(tree)}
-    provenance.stamp_values(
-        provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
-    )
+    provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
     if is_of_mast:
         check_scene_numbers(scene)
         if "ensemble" in tree:
