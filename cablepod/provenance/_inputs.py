@@ -87,7 +87,7 @@ def input_of(
     if total is not None and recorded is not None and total == recorded["hash"]:
         return Input(identifier, history, total, identifier)
     found = _found(dataset, recorded, contents, total)
-    if recorded is None:  # of many files
+    if recorded is None:  # a history without it
         if found.chunked:
             return Input(identifier, history, f"not recorded, {NOT_COMPUTED}", identifier)
         return Input(identifier, history, found.total, [identifier, found.total])
