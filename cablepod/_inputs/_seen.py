@@ -33,7 +33,7 @@ PLACED: dict[Any, Any] = {"arc_length": ("particle",), "unstretched_length": ()}
 #: bytes are looked up; its values are looked at; its index is looked up; nothing.
 COMPARED, NUMBERS, PLACE, FINITE, INDEX, NOTHING = range(6)
 #: Attributes that all functions read.
-ALWAYS_READ = ("stage", "id", "history_json", "values_sha256")
+ALWAYS_READ = ("stage", "id", "history_json")
 
 
 class Missing:

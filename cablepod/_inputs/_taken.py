@@ -25,7 +25,7 @@ from cablepod.provenance import is_history
 REAL = (float, int, np.integer, np.floating)
 #: Attributes that are numbers, and those that are texts.
 NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error"}
-TEXTS = ("id", "values_sha256")
+TEXTS = ("id",)
 #: Names of units in full, as pint writes them.
 UNITS_IN_FULL = {
     "meter": "m", "metre": "m", "second": "s", "newton": "N", "pascal": "Pa", "radian": "rad", "kilogram": "kg", "joule": "J",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 NOT_CONTENT = frozenset((
     "keywords", "comment", "references", "license", "title", "summary", "acknowledgement", "creator_email", "creator_name",
     "institution", "project", "Conventions", "cablepod_schema", "cablepod_checksums", "date_created", "history", "history_json",
-    "id", "source", "stage", "time_coverage_duration", "time_coverage_resolution", "values_sha256", "wall_time_s",
+    "id", "source", "stage", "time_coverage_duration", "time_coverage_resolution", "wall_time_s",
 ))  # fmt: skip
 #: Attributes of variables that are not part of it.
 NOT_CONTENT_OF_VARIABLES = frozenset(("coverage_content_type", "long_name"))
@@ -187,19 +187,6 @@ def own_hash(dataset: xr.Dataset) -> str:
     return hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:DIGITS]
 
 
-def attributes_hash(dataset: xr.Dataset, attrs: Mapping[Any, Any] | None = None) -> str:
-    """Return the SHA-256 of the attributes of a Dataset, or of `attrs` in their place, and of its variables.
-
-    Left out are :data:`NOT_CONTENT` and :data:`NOT_CONTENT_OF_VARIABLES`.
-    """
-    variables = {
-        str(name): _lists(variable._attrs, NOT_CONTENT_OF_VARIABLES) if variable._attrs else {}
-        for name, variable in dataset._variables.items()
-    }
-    own = _lists(dataset.attrs if attrs is None else attrs, NOT_CONTENT)
-    return hashlib.sha256(json.dumps([own, variables], sort_keys=True, default=str).encode()).hexdigest()
-
-
 def _lists(attrs: Mapping[Any, Any], left_out: frozenset[str]) -> dict[str, list[Any]]:
     """Return attributes as lists, as a file does not tell a list of one number from a number."""
     return {
@@ -229,9 +216,3 @@ def _described(name: str, dims: tuple[Any, ...], shape: tuple[int, ...]) -> byte
 def _bytes(values: np.ndarray) -> bytes:
     """Return the content of an array as bytes."""
     return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
-
-
-def stamp_values(scene: xr.Dataset) -> xr.Dataset:
-    """Set the attribute ``values_sha256`` of a scene in place, which earlier versions compare; return the scene."""
-    scene.attrs["values_sha256"] = digest(scene)
-    return scene

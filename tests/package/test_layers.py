@@ -36,8 +36,8 @@ LAYERS = (
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 #: The facade and the command: they stand above all levels.
 TOP = ("__init__", "__main__")
-#: Former module names, kept for users, and the sub-package that each stands for.  The package itself does not import them.
-ALIASES = {"lineage": "archive", "shipped": "examples"}
+#: Public modules of names for scripts, and the sub-package that each takes them from.  The package itself does not import them.
+ALIASES = {"lineage": "archive"}
 #: Science works on Datasets: only these know the files of results.
 USERS_OF_ARCHIVE = ("archive", "ensemble", "study", "paper", "cli", "lineage", *TOP)
 #: What a kernel imports, beside other kernels.

@@ -335,10 +335,10 @@ def test_what_a_comparison_reads_is_looked_at_in_each_call(change, message):
             taken("it", dataset, MOTION)
 
 
-@pytest.mark.parametrize("name", ["history_json", "id", "values_sha256"])
+@pytest.mark.parametrize("name", ["history_json", "id"])
 def test_an_attribute_without_a_value_is_none_that_lacks(name):
     run = datasets()["chain"].copy(deep=True)
-    for attribute in ("history_json", "id", "values_sha256"):
+    for attribute in ("history_json", "id"):
         run.attrs.pop(attribute, None)
     for _ in range(2):
         assert taken("it", run, MOTION) is run
