@@ -44,10 +44,10 @@ class VariableContent:
         kind = variable.dtype.kind
         self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
         self.dtype = variable.dtype.newbyteorder("<")
-        has_attrs = variable._attrs and not self.is_text  # texts have no units
+        has_attrs = variable.attrs and not self.is_text  # texts have no units
         attrs = _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) if has_attrs else {}
         kind = "text" if self.is_text else self.dtype.str
-        head = [[*map(str, variable._dims)], [*variable.shape], kind, attrs]
+        head = [[*map(str, variable.dims)], [*variable.shape], kind, attrs]
         self._hash = hashlib.sha256(json.dumps(head, sort_keys=True, default=str).encode())
         self._largest, self._sum, self._done = 0.0, 0.0, 0
 
@@ -125,20 +125,18 @@ def weights(count: int) -> np.ndarray:
     return np.where(z & np.uint64(1), size, -size)
 
 
-def is_chunked(variable: xr.Variable) -> bool:
-    """Tell whether a variable is a dask array, which is not computed here."""
-    # Variable.chunks alone takes longer than the hash
-    return type(variable._data) is not np.ndarray and not variable._in_memory and variable.chunks is not None
-
-
-def _values(variable: xr.Variable) -> np.ndarray:
-    data: Any = variable._data
-    return data if type(data) is np.ndarray else np.asarray(variable.values)
+def values_unless_chunked(variable: xr.Variable) -> np.ndarray | None:
+    """Return the values of a variable; None of a dask array, which is not computed here."""
+    data = variable.data
+    if isinstance(data, np.ndarray):
+        return data
+    return None if variable.chunks is not None else np.asarray(variable.values)
 
 
 def variable_hash(variable: xr.Variable) -> str:
     """Return the hash of a variable, :data:`UNKNOWN` of a chunked one."""
-    return UNKNOWN if is_chunked(variable) else VariableContent(variable).update(_values(variable), sums=False).hash
+    values = values_unless_chunked(variable)
+    return UNKNOWN if values is None else VariableContent(variable).update(values, sums=False).hash
 
 
 # --- Datasets -------------------------------------------------------------------------------------------------------------
@@ -155,13 +153,13 @@ def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | No
     `contents` are those of its variables, computed if None, but not those of chunked variables.
     """
     entries: dict[str, list[Any]] = {}
-    for name, variable in dataset._variables.items():
+    for name, variable in dataset.variables.items():
         if contents is not None:
             entries[str(name)] = contents[str(name)].entry()
-        elif is_chunked(variable):
+        elif (values := values_unless_chunked(variable)) is None:
             entries[str(name)] = [UNKNOWN, list(variable.shape)]
         else:
-            entries[str(name)] = VariableContent(variable).update(_values(variable)).entry()
+            entries[str(name)] = VariableContent(variable).update(values).entry()
     attributes = own_hash(dataset)
     total = total_hash(dataset, {name: entry[0] for name, entry in entries.items()}, attributes)
     return {"hash": total, "attributes": attributes, "variables": entries}
@@ -186,8 +184,7 @@ def attributes_hash(dataset: xr.Dataset, attrs: Mapping[Any, Any] | None = None)
     Left out are :data:`NOT_CONTENT` and :data:`NOT_CONTENT_OF_VARIABLES`.
     """
     variables = {
-        str(name): _lists(variable._attrs, NOT_CONTENT_OF_VARIABLES) if variable._attrs else {}
-        for name, variable in dataset._variables.items()
+        str(name): _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) for name, variable in dataset.variables.items()
     }
     own = _lists(dataset.attrs if attrs is None else attrs, NOT_CONTENT)
     return hashlib.sha256(json.dumps([own, variables], sort_keys=True, default=str).encode()).hexdigest()
@@ -205,11 +202,9 @@ def _lists(attrs: Mapping[Any, Any], left_out: frozenset[str]) -> dict[str, list
 def digest(dataset: xr.Dataset) -> str:
     """Return a hash of names, dimensions and values of all variables."""
     parts = []
-    for name, variable in sorted((str(name), variable) for name, variable in dataset._variables.items()):
-        data: Any = variable._data  # Variable.data takes longer than the hash of a scene
-        if not isinstance(data, np.ndarray):
-            data = np.asarray(variable.data)
-        parts += [_described(name, variable._dims, data.shape), _bytes(data)]
+    for name, variable in sorted((str(name), variable) for name, variable in dataset.variables.items()):
+        values = np.asarray(variable.values)
+        parts += [_described(name, variable.dims, values.shape), _bytes(values)]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 

@@ -13,16 +13,17 @@ import numpy as np
 from cablepod.provenance._abridged import Abridged
 from cablepod.provenance._content import (
     DIGITS,
+    UNKNOWN,
     VariableContent,
     content_of,
     digest,
-    is_chunked,
     is_scene,
     own_hash,
     total_hash,
+    values_unless_chunked,
     variable_hash,
 )
-from cablepod.provenance._stages import COMPACT, SORTED, keep_verdict, merged_stages, recorded_content
+from cablepod.provenance._stages import COMPACT, SORTED, merged_stages, recorded_content
 from cablepod.provenance._values import MAX_HISTORY_ITEMS, to_json
 
 if TYPE_CHECKING:
@@ -107,11 +108,13 @@ def _found(
 ) -> _Found:
     """Return the content of a Dataset; chunked variables have the recorded hash, with another shape one that follows from it."""
     hashes, chunked = {}, []
-    for key, variable in dataset._variables.items():
+    for key, variable in dataset.variables.items():
         name = str(key)
         if contents is not None:
             hashes[name] = contents[name].hash
-        elif is_chunked(variable):
+            continue
+        hashes[name] = variable_hash(variable)
+        if hashes[name] == UNKNOWN:
             chunked.append(name)
             entry = None if recorded is None else recorded["variables"].get(name)
             if entry is None:  # nothing but the name of the dask array, which follows from how it was made
@@ -119,8 +122,6 @@ def _found(
             else:
                 same = list(variable.shape) == entry[1]
                 hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
-        else:
-            hashes[name] = variable_hash(variable)
     attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
 
@@ -184,7 +185,6 @@ def _with_stage(
     stage = {"id": identifier, "function": function, "parameters": parameters, "inputs": parents, "content": content}
     stages[identifier] = SORTED.encode(stage)
     text = Abridged(f"[{', '.join(stages.values())}]")
-    keep_verdict(text, True)
     said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
     return Input(identifier, text, said, identifier)
 
@@ -192,9 +192,10 @@ def _with_stage(
 def _extent(dataset: xr.Dataset) -> dict[str, Any]:
     """Return sizes, and first and last instant [s] of a Dataset."""
     extent: dict[str, Any] = {"sizes": {str(name): int(size) for name, size in dataset.sizes.items()}}
-    time = dataset._variables.get("time")
-    if time is not None and time.size and time.dtype.kind in "fiu" and not is_chunked(time):
-        ends = [float(value) for value in np.asarray(time.values).reshape(-1)[[0, -1]]]
+    time = dataset.variables.get("time")
+    instants = None if time is None or not time.size or time.dtype.kind not in "fiu" else values_unless_chunked(time)
+    if instants is not None:
+        ends = [float(value) for value in instants.reshape(-1)[[0, -1]]]
         extent |= {
             name: value
             for name, value in zip(("first_instant", "last_instant"), ends, strict=True)
