@@ -185,7 +185,8 @@ def _extent(parameters: Mapping[str, Any]) -> str:
 
 def _check(stage: Mapping[str, Any], name: str) -> str:
     """Return the statement that compares a result with the record of its stage."""
-    if "content" not in stage and "input_hashes" in stage:
+    of_files = stage["function"] == "ensemble.run" and "number" not in stage["parameters"]
+    if of_files or ("content" not in stage and "input_hashes" in stage):
         return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{}})"
     if "content" not in stage:
         return f"cablepod.lineage.check({name}, {_quoted(stage['id'])})"

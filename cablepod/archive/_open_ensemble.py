@@ -184,7 +184,22 @@ class _EnsembleAssembler:
         ).items():  # such as model, law and scheme; a batch of failed members has none
             if all(batch.get(name, value) == value for batch in texts):
                 attrs.setdefault(name, value)
-        return xr.Dataset(variables, coords, attrs)
+        return self._recorded(xr.Dataset(variables, coords, attrs))
+
+    def _recorded(self, dataset: xr.Dataset) -> xr.Dataset:
+        """Return the dataset with its content in the last stage of its history, so that parts of it are told from the whole.
+
+        Values in files have no hash in it.  Members that are not complete count in the shapes.
+        """
+        stages = provenance.stages_of(dataset)
+        if not stages:
+            return dataset
+        content = provenance.content_of(dataset)
+        for name, entry in content["variables"].items():
+            if dataset.variables[name].dims[:1] == ("member",):
+                entry[1] = [self.manifest["members"], *entry[1][1:]]
+        stages[-1]["content"] = content
+        return dataset.assign_attrs(history_json=provenance.Abridged(json.dumps(stages, sort_keys=True)))
 
     def _templates(self) -> Iterator[xr.Dataset]:
         """Yield one opened file of each layout, those with most variables first."""

@@ -16,7 +16,7 @@ from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_st
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
-from cablepod.integrate._space_error import COARSER, extrapolated
+from cablepod.integrate._space_error import COARSER, COARSER_OF_ONE, extrapolated
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     complete,
@@ -175,7 +175,7 @@ def space_error_of(runs: Callable[..., dict[str, CableRun]], solution: Solution)
     run, rate = solution.run, solution.steps_per_second
     mesh = run.chain
     elements, order = mesh.sizes.size, mesh.order
-    fewer = math.floor(COARSER * elements)
+    fewer = math.floor((COARSER_OF_ONE if solution.time_error is None else COARSER) * elements)
     coarser = (fewer, order) if fewer >= part_borders(mesh.p).size - 1 else (elements, order - LOWER_ORDER)
     if min(coarser) < 1 or math.prod(coarser) < 2:  # no inner node
         return math.nan

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.catenary._statics import check_solved, load_plane, solve_catenaries, solve_statics
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import COORDINATES, STILL_AIR, label
 from cablepod.errors import SceneError, user_stacklevel
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
@@ -37,8 +37,8 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     xarray.Dataset
         ``position (particle, coordinate)`` [m], ``tension (particle)`` [N] with ``arc_length (particle)`` [m], and the
         scalars ``unstretched_length``, ``stretched_length`` [m], ``horizontal_force``, ``tension_lower``,
-        ``tension_upper`` [N].  ``horizontal_force`` is the component across the total load, which is constant.  For a scene
-        with wind the attribute ``air`` is "still": :func:`cablepod.chain.rest` is the cable in the mean wind.
+        ``tension_upper`` [N].  ``horizontal_force`` is the component across the total load, which is constant.  All are in
+        still air, as the attribute ``air`` says: :func:`cablepod.chain.rest` is the cable in the mean wind.
 
     Raises
     ------
@@ -96,9 +96,10 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
         swept = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
         result = result.assign_coords({name: variable.copy() for name, variable in swept.items()})
     label(result)
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest", stage="rest")
+    title = f"{scene.attrs.get('title', 'scene')}: continuous cable at rest"
     if any(p.wind is not None for p in members):
-        result.attrs.update(title=f"{result.attrs['title']} in still air", air="still")
+        title = f"{title} in {STILL_AIR}"
+    result.attrs.update(title=title, stage="rest", air=STILL_AIR)
     return provenance.record(result, function="catenary.rest", parameters={"points": points}, inputs=[scene])
 
 

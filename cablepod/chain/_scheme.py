@@ -24,7 +24,7 @@ from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
-from cablepod.integrate._space_error import COARSER, COARSER_AT_EACH_STEP, distance_of, extrapolated
+from cablepod.integrate._space_error import COARSER, COARSER_OF_ONE, distance_of, extrapolated
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
@@ -105,15 +105,14 @@ def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
         return solved
     run, rate = solved.run, solved.steps_per_second
     is_explicit, links = run.scheme == SCHEMES[0], run.chain.links
-    share = COARSER if is_explicit or solved.time_error is not None else COARSER_AT_EACH_STEP
+    share = COARSER if is_explicit or solved.time_error is not None else COARSER_OF_ONE
     fewer = math.floor(share * links)
     p = _with_links(run.chain.p, fewer)
     try:
         plain = replace(request, links=None, scheme=run.scheme, step=None, window=None, outputs=())
         explicit, coarse = prepare(p, plain, "")[:2]
-        if is_explicit:  # the same part of its limit, but at most as much longer as the links
-            rate *= max(fewer / links, run.step_limit / explicit.step_limit)
-        state = coarse(rate)
+        # steps as much longer as the links, so that errors of both fall alike; explicit ones at most the same part of their limit
+        state = coarse(rate * max(fewer / links, run.step_limit / explicit.step_limit if is_explicit else 0.0))
     except (RunStopped, SceneError):  # too few links for this scene
         return solved._replace(space_error=math.nan)
     distance = distance_of(coarse, state, run, solved.trajectory)

@@ -29,6 +29,8 @@ SAMPLES_PER_CHANGE = 4.0
 MAX_SAMPLES = 20_000
 #: Maximum estimate: above twice the motion it only says that nothing is right.
 MAX_ERROR = 2.0
+#: Minimum change of an error over its maximum that counts as a motion which a model at rest misses (of a cable at rest: 1e-9).
+MISSED_MOTION = 1e-3
 #: Maximum number of instants at which the scale of the motion is computed.
 MOTION_SAMPLES = 200
 #: Number of models whose error equations are kept.
@@ -110,6 +112,7 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
         equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
     squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate) + displaced
     along = waves_of(model, float(state.instants.times[-1]))
+    scale = motion_or_missed(scale, chord_of(model), squares)
     return min(math.sqrt(squares.max() + along * along) / scale, MAX_ERROR)
 
 
@@ -159,8 +162,30 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
     if p.motions:
         ends = p.end_positions(np.arange(count) * (stride * state.sample_interval / state.instants.steps_per_second))
     square = kernel.largest_motion(q, stride, ends, p.mass * model.chain.total_length, *_means_of_shapes(model))
-    largest, chord = math.sqrt(square), math.dist(p.lower, p.upper)
+    largest, chord = math.sqrt(square), chord_of(model)
     return largest if largest > 1e-9 * chord else chord
+
+
+def chord_of(model: CondensedModel) -> float:
+    """Return the distance of the ends [m]."""
+    return math.dist(model.chain.p.lower, model.chain.p.upper)
+
+
+def motion_or_missed(motion: float, chord: float, squares: np.ndarray) -> float:
+    """Return a motion [m], or that which a model at rest misses: the largest change of its error from the start.
+
+    A model whose modes no load excites stands still, and its motion counts as the chord; that of the cable is in the error.
+
+    Parameters
+    ----------
+    motion, chord
+        Motion, equal to the chord where nothing moves [m].
+    squares
+        Mean squares of the error (samples,) [m^2].
+    """
+    error = np.sqrt(squares)
+    missed = float(np.abs(error - error[0]).max())
+    return missed if motion == chord and missed > MISSED_MOTION * error.max() else motion
 
 
 @lru_cache(KEPT_EQUATIONS)

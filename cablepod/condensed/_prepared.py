@@ -89,6 +89,7 @@ def prepare(
     model, limit = _checked_model(scene, modes, rank, order)
     air = air_of_host(model, wind)
     warn_of_unusual(parameters_of(scene))
+    is_chosen = step is None
     if step is None:
         of_wind = np.inf if air is None else min(0.5 * air.air.interval, STEP_OVER_DRAG_LIMIT * air.step_limit)
         slowest = min(STEP_OVER_LIMIT * limit, model.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
@@ -97,7 +98,7 @@ def prepare(
         step = check_step(step, limit, f"2 over the highest angular frequency, {2.0 / limit:.6g} rad/s")
         if air is not None:
             check_step(step, air.step_limit, OF_DRAG)
-    return PreparedModel(scene, modes, model, step, wind)
+    return PreparedModel(scene, modes, model, step, wind, step_is_chosen=is_chosen)
 
 
 def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order: str) -> tuple[CondensedModel, float]:
@@ -168,7 +169,8 @@ def _resumed(dataset: xr.Dataset, wind: xr.Dataset | None) -> PreparedModel:
         raise SceneError(f"wind: {given}; allowed: {allowed} to `prepare`")
     if wind is not None and wind.attrs.get("id", NO_ID) != stored.wind:
         raise scene_error("wind", wind.attrs.get("id", NO_ID), f"the field with the id {stored.wind}")
-    prepared = PreparedModel(scene, modes, model, check_step(stored.step, limit, "as at `prepare`"), wind)
+    step = check_step(stored.step, limit, "as at `prepare`")
+    prepared = PreparedModel(scene, modes, model, step, wind, step_is_chosen=stored.step_is_chosen)
     check_coefficients(stored.coefficients, prepared.coefficients)
     # the modes give these coefficients again, but on another machine not always to the last bit
     prepared._coefficients = stored.coefficients._replace(air=prepared.coefficients.air)

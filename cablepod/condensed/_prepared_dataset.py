@@ -45,6 +45,7 @@ class StoredModel(NamedTuple):
     coefficients: HostCoefficients
     state: np.ndarray
     wind: str  #: id of the field that was given; empty without
+    step_is_chosen: bool  #: by `prepare`
 
 
 def dataset_of(
@@ -99,16 +100,14 @@ def dataset_of(
     }
     result = label(result, **extra)
     result.attrs = attrs | further
+    state = {"time": prepared.time, "state_sha256": _state_digest(prepared.state)}
+    parameters = {"rank": rank, "order": model.order, "step": prepared.prepared_step}
     return provenance.record(
         result,
         function=FUNCTION,
-        parameters={
-            "rank": rank,
-            "order": model.order,
-            "step": prepared.prepared_step,
-            "time": prepared.time,
-            "state_sha256": _state_digest(prepared.state),
-        },
+        parameters=parameters | state,
+        identity=parameters if prepared.is_at_rest else parameters | state,
+        chosen=["step"] if prepared.step_is_chosen else [],
         inputs=[scene, modes] if prepared.wind is None else [scene, modes, prepared.wind],
     )
 
@@ -132,7 +131,16 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
         raise scene_error("dataset", f"attributes with {error!r}", UNCHANGED) from None
     arrays: Any = (_array(dataset, key) for key in fields)
     wind = str(dataset.attrs.get("wind_id", ""))
-    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), _array(dataset, "state"), wind)
+    state = _array(dataset, "state")
+    return StoredModel(
+        scene, modes, rank, order, step, HostCoefficients(*arrays), state, wind, _step_is_chosen(dataset)
+    )
+
+
+def _step_is_chosen(dataset: xr.Dataset) -> bool:
+    """Tell whether the history of a prepared model says that `prepare` chose its step."""
+    stages = provenance.stages_of(dataset)
+    return any(stage["function"] == FUNCTION and "step" in stage.get("chosen", ()) for stage in stages[-1:])
 
 
 def _array(dataset: xr.Dataset, key: str) -> np.ndarray:

@@ -25,7 +25,7 @@ from cablepod.condensed._host import (
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._prepared_dataset import checked_state, dataset_of
+from cablepod.condensed._prepared_dataset import ROUNDING, checked_state, dataset_of
 from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._particle_air import OF_DRAG
@@ -50,6 +50,8 @@ class PreparedModel:
         model: CondensedModel,
         prepared_step: float,
         wind: xr.Dataset | None = None,
+        *,
+        step_is_chosen: bool = False,
     ) -> None:
         self._scene, self._modes, self._model = scene, modes, model
         #: Field of the wind in place of that of the scene; None without.
@@ -59,10 +61,12 @@ class PreparedModel:
         self._drag_limit = math.inf if air is None else air.step_limit
         #: Step of :meth:`run` [s].
         self.prepared_step = prepared_step
+        #: Whether :func:`cablepod.condensed.prepare` chose it.
+        self.step_is_chosen = step_is_chosen
         self._coefficients = host_coefficients(model, air)
         self._kernel = step_kernel(model.order)
         self._accepted = initial_state(model, self._coefficients, air)
-        self._trial = self._accepted.copy()
+        self._initial, self._trial = self._accepted.copy(), self._accepted.copy()
         self._dims, self._has_trial, self._warned = model.chain.p.dims, False, False
         self._no_acceleration = np.empty(0)
         self._runner: PreparedRunner | None = None
@@ -185,6 +189,12 @@ class PreparedModel:
     def time(self) -> float:
         """Time of the accepted state [s]."""
         return float(self._accepted[layout.CLOCK, layout.TIME])
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the accepted state is that of `prepare`, to rounding."""
+        near = np.allclose(self._accepted, self._initial, rtol=ROUNDING, atol=ROUNDING, equal_nan=True)
+        return self.time == 0.0 and bool(near)
 
     @property
     def force(self) -> np.ndarray:

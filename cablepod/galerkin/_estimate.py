@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from cablepod.condensed._error_equation import ErrorEquation
-from cablepod.condensed._estimate import MAX_ERROR, sample_interval
+from cablepod.condensed._estimate import MAX_ERROR, motion_or_missed, sample_interval
 from cablepod.condensed._fields import close_chord_of, positions_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain, square
@@ -124,7 +124,9 @@ class GalerkinEstimate:
             initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1][0]
         squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, initial_error, initial_rate)
         largest = max(float(squares.max()), float((squares[chosen] + chordwise).max()))
-        return min(math.sqrt(largest) / samples.motion, MAX_ERROR)
+        p = self.model.chain.p
+        scale = motion_or_missed(samples.motion, float(np.linalg.norm(p.upper - p.lower)), squares)
+        return min(math.sqrt(largest) / scale, MAX_ERROR)
 
     @cached_property
     def _projection(self) -> tuple[np.ndarray, np.ndarray]:

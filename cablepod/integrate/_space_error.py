@@ -8,10 +8,10 @@ from typing import Any
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._interpolation import at_places
 
-#: Links of a companion over those of the run, and over those of an implicit run with a given step, whose steps the companion
-#: takes too: either costs less than half as much.  With half of the links in all runs a companion may lose the phase of a motion
-#: that the run holds, and the estimate falls to a third of the error.
-COARSER, COARSER_AT_EACH_STEP = 0.6, 0.5
+#: Links of a companion over those of the run, and over those of an implicit run with a given step, which is one run and not the
+#: last of several: either costs about half as much or less.  With half of the links in all runs a companion may lose the phase of
+#: a motion that the run holds, and the estimate falls to a third of the error.
+COARSER, COARSER_OF_ONE = 0.6, 0.5
 
 
 def distance_of(coarse: Any, coarse_state: Any, run: Any, state: Any) -> float:

@@ -259,7 +259,6 @@ class CondensedGuys:
         sigma, r, guys = np.linspace(0.0, 1.0, DRAWN_POINTS), self.rank, self.guys
         upper = np.repeat(guys.upper[None], len(q), axis=0)
         upper[..., [0, 2]] += np.einsum("gia,ta->tgi", self.mast.guy_rows, result.modal)
-        times = result.request.times
         positions = np.empty((len(q), guys.count, DRAWN_POINTS, 3))
         basis = [part.basis(sigma, 0) for part in self.shapes]
         for t, ends in enumerate(upper):
@@ -269,17 +268,19 @@ class CondensedGuys:
                 deflection = guys.scale[:, None] * (q[t, :, part * r : (part + 1) * r] @ basis[part])
                 moved = moved + deflection[..., None] * normals[:, part, None]
             positions[t] = moved
-        broken = np.array(
-            [[guy.breaks is not None and guy.breaks <= time for guy in self.mast.rest.p.guys] for time in times]
-        )
-        positions[broken] = np.nan
+        positions[self._broken(result.request)] = np.nan
         return positions
+
+    def _broken(self, request: MastRequest) -> np.ndarray:
+        """Tell which guys are broken at the outputs, as the kernel does (outputs, guys)."""
+        breaks = [np.inf if guy.breaks is None else guy.breaks / request.step for guy in self.mast.rest.p.guys]
+        return request.every * np.arange(request.outputs_count)[:, None] >= np.array(breaks)
 
     def _energy(
         self, result: MastTrajectory, matrices: StepMatrices, fitted: np.ndarray, constant: np.ndarray, factors: Any,
         request: MastRequest, saved: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Return kinetic and potential energy at the outputs, less that at rest [J]."""
+        """Return kinetic and potential energy at the outputs, less that at rest; broken guys have none [J]."""
         mast = self.mast
         before, after = result.rates[:, 0], result.rates[:, 1]
         kinetic = 0.5 * np.einsum("ta,ab,tb->t", before, matrices.fitted_mass, after)
@@ -294,11 +295,11 @@ class CondensedGuys:
         if factors is not None:
             potential -= np.einsum("ta,na,nt->t", result.modal, mast.load_vectors, factors[:, :: request.every])
         ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
-        at_rest = self.guys.energy(self.rest[0], self.guys.upper).sum()
+        at_rest, holds = self.guys.energy(self.rest[0], self.guys.upper).sum(), ~self._broken(request)
         for t in range(len(result.modal)):
             upper = self.guys.upper.copy()
             upper[:, [0, 2]] += ends[t]
             a = result.modal[t]
             upper[:, 1] += (geometric_rest @ a + 0.5 * (geometric @ a) @ a)[mast.level_of_guy]
-            potential[t] += self.guys.energy(saved[t, 0], upper).sum() - at_rest
+            potential[t] += self.guys.energy(saved[t, 0], upper)[holds[t]].sum() - at_rest
         return kinetic + potential

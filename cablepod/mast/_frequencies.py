@@ -14,7 +14,7 @@ from cablepod.mast._condensed_guy import sines
 from cablepod.mast._condensed_run import CondensedGuys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._output import dataset, spatial
-from cablepod.mast._statics import rest_of
+from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
@@ -71,10 +71,11 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
     integer(least=1, most=60)("rank", rank)
     choice(*KINDS)("guys", guys)
     p = mast_parameters(scene)
-    at_rest = rest_of(p)
+    air = mean_mast_air(p)
+    at_rest = rest_in(p, air)
     n, r2 = at_rest.beam.count, 2 * rank if guys == "condensed" else 0
     if guys == "condensed":
-        model = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, mean_mast_air(p))
+        model = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, air)
         mass, stiffness = model.system(at_rest.rows, at_rest.beam.mass, at_rest.mast_stiffness)
     else:
         stiffness, mass = at_rest.stiffness, at_rest.beam.mass.copy()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,8 @@ class StaticGuy:
 
     p: Parameters
     length: float  #: unstretched [m]
+    #: Reactions of anchor and mast to drag, beside those to the uniform load (2, 3) [N].
+    reactions: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
 
     @property
     def chord(self) -> np.ndarray:
@@ -38,7 +41,7 @@ class StaticGuy:
         return replace(self, p=replace(self.p, upper=upper))
 
     def force(self) -> tuple[np.ndarray, float, float]:
-        """Return the force on the mast (3,), and the tensions at the anchor and at the mast [N]."""
+        """Return the force of the uniform load on the mast (3,), and the tensions at the anchor and at the mast [N]."""
         plane = load_plane(self.p)
         _, _, horizontal, middle, lower, upper = solve_statics(self.p, "unstretched_length", self.length)
         against = middle + 0.5 * plane.load * self.length
@@ -60,6 +63,7 @@ class GuyStatics:
         self._guys, self._upper, count = guys, upper, len(guys)
         self._length = np.array([guy.length for guy in guys])
         self._spring = np.array([guy.p.stiffness for guy in guys], dtype=float)
+        self._reactions = np.array([guy.reactions for guy in guys]).reshape(-1, 2, 3)
         chords = upper - np.array([guy.p.lower for guy in guys], dtype=float).reshape(-1, 3)
         loads = np.array([guy.p.load_at(0.0) for guy in guys], dtype=float).reshape(-1, 3)
         self._plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
@@ -91,14 +95,20 @@ class GuyStatics:
     @property
     def forces(self) -> np.ndarray:
         """Forces on the mast (guys, 3) [N]."""
-        horizontal, middle = self._solved[:, 2], self._solved[:, 3]
-        against = middle + 0.5 * self._plane[3] * self._length
-        return -(horizontal[:, None] * self._across + against[:, None] * self._against)
+        return self._end_forces[:, 1]
+
+    @cached_property
+    def _end_forces(self) -> np.ndarray:
+        """Forces on anchor and mast (guys, 2, 3) [N]."""
+        horizontal, middle, half = self._solved[:, 2], self._solved[:, 3], 0.5 * self._plane[3] * self._length
+        across, against = np.stack([horizontal, -horizontal], axis=1), np.stack([middle - half, -middle - half], axis=1)
+        uniform = across[..., None] * self._across[:, None] + against[..., None] * self._against[:, None]
+        return uniform + self._reactions
 
     @property
     def tensions(self) -> np.ndarray:
         """Tensions at the anchor and at the mast (guys, 2) [N]."""
-        return self._solved[:, 4:]
+        return np.linalg.norm(self._end_forces, axis=2)
 
     def stiffness(self) -> np.ndarray:
         """Return the stiffness of the upper ends (guys, 3, 3) [N/m], as :func:`cablepod.condensed._host.static_stiffness`."""
@@ -146,9 +156,11 @@ def unstretched_length_of(guy: Guy) -> float:
 
 
 def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | None = None) -> list[StaticGuy]:
-    """Return the guys with the mean drag as a uniform load that gives the same moment about the anchor.
+    r"""Return the guys with the mean drag as a uniform load that gives the same sag in the middle of a taut guy.
 
-    The wind is that of the scene, or that of a field.
+    With the drag q per unit of :math:`\sigma`, from anchor to mast, that load is :math:`6 \int \sigma (1 - \sigma) q\, d\sigma`.
+    The ends carry the rest r, :math:`\int (1 - \sigma) r\, d\sigma` and :math:`\int \sigma r\, d\sigma`, which keeps sum and
+    moment of the drag.  The wind is that of the scene, or that of a field.
     """
     if not guys or (air is None and (p.wind is None or float(p.wind["ramp"]))):
         return list(guys)
@@ -178,6 +190,12 @@ def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | 
             wind = speed[:, None] * direction_of(p.wind)[:, None]
         normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
         size = np.sqrt((normal * normal).sum(axis=1)) * stretched * (drag / statics.lengths)[:, None]
-        loads = 2.0 * np.trapezoid(sigma * size[:, None] * normal, sigma, axis=2)
-        guys = [replace(guy, p=replace(guy.p, load=load)) for guy, load in zip(guys, loads, strict=True)]
+        drags = size[:, None] * normal
+        loads = 6.0 * np.trapezoid(sigma * (1.0 - sigma) * drags, sigma, axis=2)
+        shares = np.stack([1.0 - sigma, sigma])[:, None]
+        rest = np.trapezoid(shares * (drags - loads[..., None])[:, None], sigma, axis=3)
+        guys = [
+            replace(guy, p=replace(guy.p, load=load), reactions=guy.length * reactions)
+            for guy, load, reactions in zip(guys, loads, rest, strict=True)
+        ]
     return list(guys)

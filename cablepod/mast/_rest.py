@@ -10,9 +10,11 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.mast._output import dataset, spatial
-from cablepod.mast._statics import rest_of
+from cablepod.mast._slopes import slopes_of, warn_of_slopes
+from cablepod.mast._statics import rest_in
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
 
 
@@ -37,11 +39,17 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     SceneError
         For a mast that buckles under its weight and guys (with the critical factor), guys that do not hold it, no equilibrium.
 
+    Warns
+    -----
+    OutOfRangeWarning
+        For slopes of the mast above a tenth: its equations hold for small slopes.
+
     Notes
     -----
     The unstretched lengths follow from the given tensions on the straight, unloaded mast in still air without ice.  Guys are
-    exact elastic catenaries; the mean drag on a guy is a uniform load with the same moment about the anchor.  The mast is a
-    beam-column with consistent geometric stiffness.  Newton's method finds their common equilibrium.
+    exact elastic catenaries; the mean drag on a guy is a uniform load with the same sag, and forces at the ends with the rest
+    of its sum and moment.  The mast is a beam-column with consistent geometric stiffness.  Newton's method finds their common
+    equilibrium.
 
     Examples
     --------
@@ -52,8 +60,9 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     ([5000.0, 5000.0, 5000.0], 'N')
     """
     p = mast_parameters(scene)
-    found = rest_of(p)
+    found = rest_in(p, mean_mast_air(p))
     beam, levels = found.beam, p.levels
+    warn_of_slopes(beam, slopes_of(beam, beam.all_rows @ found.unknowns)[None])
     nodes = np.array([beam.node(level) for level in levels])
     moved = beam.displacement_rows(nodes) @ found.unknowns
     step = 1e-9 * p.height

@@ -21,7 +21,8 @@ from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
-from cablepod.mast._statics import rest_of
+from cablepod.mast._slopes import slopes_of, warn_of_slopes
+from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.wind._mast_air import mast_air
@@ -30,8 +31,6 @@ from cablepod.wind._mast_air import mast_air
 KINDS = ("condensed", "chain", "catenary")
 #: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.
 RANK, RICHER = 4, 4
-#: Slope of the mast above which it is not small: its square is about the relative error of the beam's equations.
-LARGE_SLOPE = 0.1
 #: Maximum number of halved steps to meet a tolerance.
 MAX_HALVINGS = 6
 
@@ -58,7 +57,7 @@ class MastCase:
         self.wind, self.links, self.step, self.count = wind, links, step, RANK if rank is None else int(rank)
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
-        self.mast = ModalMast(rest_of(p, None if air is None or air.has_profile else air))
+        self.mast = ModalMast(rest_in(p, air))
         self.model = _model_of(self.mast, guys, modes, self.count, links, air)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,
@@ -230,17 +229,6 @@ def _warn_of_slopes(mast: ModalMast, run: MastTrajectory) -> None:
     beam, n = mast.rest.beam, run.completed
     if run.status or not n:
         return
-    by_modes = np.diff(mast.node_rows, axis=0) / beam.length[:, None, None]
-    slopes = np.diff(beam.all_rows @ mast.rest.unknowns, axis=0) / beam.length[:, None] + output.seen_from(
-        by_modes, run.modal[:n]
-    )
-    squares = np.einsum("tnd,tnd->tn", slopes, slopes)
-    at, element = np.unravel_index(int(squares.argmax()), squares.shape)
-    if (largest := float(np.sqrt(squares[at, element]))) > LARGE_SLOPE:
-        warnings.warn(
-            f"the mast slopes by {largest:.3g} (above {LARGE_SLOPE:g}) at {run.request.times[at]:.6g} s, "
-            f"{beam.height[element]:.4g} m above its foot: its equations hold for small slopes and err by about their "
-            f"square, {largest**2:.0%}; check guys and loads",
-            OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
-        )
+    at_rest = slopes_of(beam, beam.all_rows @ mast.rest.unknowns)
+    slopes = at_rest + output.seen_from(slopes_of(beam, mast.node_rows), run.modal[:n])
+    warn_of_slopes(beam, slopes, run.request.times)

@@ -183,6 +183,17 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     )
 
 
+def rest_in(p: MastParameters, air: MastAir | None) -> MastRest:
+    """Find mast and guys at rest in the mean of their air; that of a record or field takes the place of [wind].
+
+    Raises
+    ------
+    SceneError
+        As :func:`rest_of`.
+    """
+    return rest_of(p, None if air is None or air.has_profile else air)
+
+
 def check_buckling(rest: MastRest) -> None:
     """Refuse a mast that buckles under its weight and its guys.
 

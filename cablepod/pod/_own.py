@@ -107,7 +107,9 @@ def snapshots(
     )
     result = taken("position", result, SNAPSHOTS)
     options = {"position": digest_of(values), "arc_length": lengths, "times": instants}
-    return provenance.record(result, function="snapshots", parameters=options, inputs=[] if scene is None else [scene])
+    chosen = _found_in_scene(array, arc_length=arc_length, time=times)
+    inputs = [] if scene is None else [scene]
+    return provenance.record(result, function="snapshots", parameters=options, inputs=inputs, chosen=chosen)
 
 
 def modes(
@@ -205,7 +207,8 @@ def modes(
         "arc_length": lengths,
         "mean": None if mean is None else digest_of(variables["mean"][1]),
     }
-    return provenance.record(result, function="modes", parameters=options, inputs=[] if scene is None else [scene])
+    chosen, inputs = _found_in_scene(array, arc_length=arc_length), [] if scene is None else [scene]
+    return provenance.record(result, function="modes", parameters=options, inputs=inputs, chosen=chosen)
 
 
 def digest_of(values: np.ndarray) -> dict[str, Any]:
@@ -287,6 +290,12 @@ def _arc_length(array: xr.DataArray, given: Any, p: Parameters | None, key: str)
                 "arc_length", f"{lengths[-1]:g} m in all", f"within {100 * SAME:g} % of the {own:g} m of the scene"
             )
     return lengths
+
+
+def _found_in_scene(array: xr.DataArray, **given: Any) -> list[str]:
+    """Return the options that follow from the scene, as neither the caller nor the array gives them."""
+    names = {"time": "times"}
+    return [names.get(name, name) for name, value in given.items() if value is None and name not in array.coords]
 
 
 def _instants(array: xr.DataArray, times: Any, p: Parameters | None) -> np.ndarray | None:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cablepod.conventions import is_in_memory
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -28,6 +30,8 @@ SCENES = ("scene", "scenes")
 DIGITS, PERIOD = 16, 4096
 #: Hash of a variable that was not computed.
 UNKNOWN = ""
+#: Number of rows that are read at once of a variable that is not in memory.
+ROWS = 256
 
 
 # --- variables ------------------------------------------------------------------------------------------------------------
@@ -125,18 +129,24 @@ def weights(count: int) -> np.ndarray:
     return np.where(z & np.uint64(1), size, -size)
 
 
-def values_unless_chunked(variable: xr.Variable) -> np.ndarray | None:
-    """Return the values of a variable; None of a dask array, which is not computed here."""
-    data = variable.data
-    if isinstance(data, np.ndarray):
-        return data
-    return None if variable.chunks is not None else np.asarray(variable.values)
+def is_chunked(variable: xr.Variable) -> bool:
+    """Tell whether a variable is a dask array, which is not computed here."""
+    return not is_in_memory(variable) and variable.chunks is not None  # the second takes longer than the hash
+
+
+def _content_of_variable(variable: xr.Variable, *, sums: bool = True) -> VariableContent:
+    """Return the content of a variable that is not chunked; one that is computed or read on demand is not kept in memory."""
+    content = VariableContent(variable)
+    if is_in_memory(variable) or not variable.ndim or content.is_text:
+        return content.update(np.asarray(variable.values), sums=sums)
+    for first in range(0, variable.shape[0], ROWS):
+        content.update(variable[first : first + ROWS].values, sums=sums)
+    return content
 
 
 def variable_hash(variable: xr.Variable) -> str:
     """Return the hash of a variable, :data:`UNKNOWN` of a chunked one."""
-    values = values_unless_chunked(variable)
-    return UNKNOWN if values is None else VariableContent(variable).update(values, sums=False).hash
+    return UNKNOWN if is_chunked(variable) else _content_of_variable(variable, sums=False).hash
 
 
 # --- Datasets -------------------------------------------------------------------------------------------------------------
@@ -156,10 +166,10 @@ def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | No
     for name, variable in dataset.variables.items():
         if contents is not None:
             entries[str(name)] = contents[str(name)].entry()
-        elif (values := values_unless_chunked(variable)) is None:
+        elif is_chunked(variable):
             entries[str(name)] = [UNKNOWN, list(variable.shape)]
         else:
-            entries[str(name)] = VariableContent(variable).update(values).entry()
+            entries[str(name)] = _content_of_variable(variable).entry()
     attributes = own_hash(dataset)
     total = total_hash(dataset, {name: entry[0] for name, entry in entries.items()}, attributes)
     return {"hash": total, "attributes": attributes, "variables": entries}

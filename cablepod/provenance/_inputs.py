@@ -17,10 +17,10 @@ from cablepod.provenance._content import (
     VariableContent,
     content_of,
     digest,
+    is_chunked,
     is_scene,
     own_hash,
     total_hash,
-    values_unless_chunked,
     variable_hash,
 )
 from cablepod.provenance._stages import COMPACT, SORTED, merged_stages, recorded_content
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 CHANGED, MADE = "changed outside the package", "made outside the package"
 #: Name of the first one in histories of earlier versions.
 CHANGED_BEFORE = "changed by hand"
+#: Beginnings of the names of the layers of a dask array whose values are those of a file, or of an array in memory.
+AS_READ = ("original-open_dataset-", "open_dataset-", "xarray-", "rechunk-")
 #: Said of the hash of an input with chunked variables.
 NOT_COMPUTED = "as it was written, chunks are not computed"
 
@@ -95,7 +97,9 @@ def input_of(
             return Input(identifier, history, f"not recorded, {NOT_COMPUTED}", identifier)
         return Input(identifier, history, found.total, [identifier, found.total])
     if found.total != recorded["hash"]:
-        return _changed(dataset, recorded, found, contents)
+        if not _is_computed(dataset, recorded, found):
+            return _changed(dataset, recorded, found, contents)
+        return Input(identifier, history, found.total, [identifier, found.total])
     said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
     return Input(identifier, history, said, identifier)
 
@@ -112,9 +116,7 @@ def _found(
         name = str(key)
         if contents is not None:
             hashes[name] = contents[name].hash
-            continue
-        hashes[name] = variable_hash(variable)
-        if hashes[name] == UNKNOWN:
+        elif is_chunked(variable):
             chunked.append(name)
             entry = None if recorded is None else recorded["variables"].get(name)
             if entry is None:  # nothing but the name of the dask array, which follows from how it was made
@@ -122,8 +124,34 @@ def _found(
             else:
                 same = list(variable.shape) == entry[1]
                 hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
+                if entry[0] != UNKNOWN and not _is_read(variable):
+                    hashes[name] = _short([hashes[name], str(variable.data.name)])
+        else:
+            hashes[name] = variable_hash(variable)
     attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
+
+
+def _is_read(variable: xr.Variable) -> bool:
+    """Tell whether a chunked variable is as it was read or divided, and not computed from what was read."""
+    return all(str(layer).startswith(AS_READ) for layer in variable.data.dask.layers)
+
+
+def _differing(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> list[str]:
+    """Return the names of variables that are not the recorded ones; of those without a hash on record the shape tells."""
+    differ, before = [], recorded["variables"]
+    for name, value in found.hashes.items():
+        known, shape, *_ = before.get(name, (None, None))
+        same = list(dataset.variables[name].shape) == shape if known == UNKNOWN else value == known
+        if not same:
+            differ.append(name)
+    return sorted(differ)
+
+
+def _is_computed(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> bool:
+    """Tell whether a Dataset differs from the record in variables alone that have no hash there, as those of many files."""
+    same = found.attributes == recorded["attributes"] and found.hashes.keys() == recorded["variables"].keys()
+    return same and not _differing(dataset, recorded, found)
 
 
 def _short(content: Any) -> str:
@@ -151,10 +179,9 @@ def _changed(
     if recorded is None:  # a scene of an earlier version: all of its values
         parameters: dict[str, Any] = {"values_sha256": found.total, "values": _small_values(dataset, found.hashes)}
     else:
-        before = {name: entry[0] for name, entry in recorded["variables"].items()}
-        changed = [name for name, value in found.hashes.items() if before.get(name) != value]
-        lacks = sorted(before.keys() - found.hashes.keys())
-        parameters = {"differs": sorted(changed), **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
+        changed = _differing(dataset, recorded, found)
+        lacks = sorted(recorded["variables"].keys() - found.hashes.keys())
+        parameters = {"differs": changed, **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
         parameters |= _not_computed(found)
         if is_scene(dataset):
             if all(dataset.variables[name].size <= MAX_HISTORY_ITEMS for name in changed):
@@ -193,9 +220,8 @@ def _extent(dataset: xr.Dataset) -> dict[str, Any]:
     """Return sizes, and first and last instant [s] of a Dataset."""
     extent: dict[str, Any] = {"sizes": {str(name): int(size) for name, size in dataset.sizes.items()}}
     time = dataset.variables.get("time")
-    instants = None if time is None or not time.size or time.dtype.kind not in "fiu" else values_unless_chunked(time)
-    if instants is not None:
-        ends = [float(value) for value in instants.reshape(-1)[[0, -1]]]
+    if time is not None and time.size and time.dtype.kind in "fiu" and not is_chunked(time):
+        ends = [float(value) for value in np.asarray(time.values).reshape(-1)[[0, -1]]]
         extent |= {
             name: value
             for name, value in zip(("first_instant", "last_instant"), ends, strict=True)

@@ -7,6 +7,7 @@ import pytest
 from prediction import own_modes
 from prediction.scenes import Case
 
+import cablepod as cp
 from cablepod.condensed._error_equation import EXTRA_MODES, enriched_modes
 
 #: Particles at unequal distances.
@@ -69,6 +70,48 @@ def test_the_estimate_with_sines_is_right_within_a_factor_of_five(tension):
     )
     error, estimate = own_modes.error_and_estimate(case, own_modes.bases(case, 0)["sines"], 3, "leading")
     assert 0.2 < estimate / error < 5.0
+
+
+def shaken(amplitude):
+    """A guy whose load oscillates: alike on all of it, so that no even number of half waves is excited."""
+    return cp.make_scene(
+        {
+            "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 15000.0},
+            "ends": {"lower": [0.0, 0.0], "upper": [50.0, 35.0]},
+            "load": {"uniform": [5.0, 0.0], "kind": "harmonic", "amplitude": amplitude, "angular_frequency": 6.0},
+            "damping": {"mass_proportional": 0.1},
+            "chain": {"links": 20},
+            "time": {"duration": 10.0, "interval": 0.1},
+        }
+    )
+
+
+@pytest.mark.parametrize("model", ["leading", "exact", "members", "galerkin"])
+def test_a_model_that_stands_still_misses_the_motion_of_its_cable(model):
+    """The estimate was the error over the chord, some thousandths, as if the cable stood still too."""
+
+    def run(amplitude):
+        sigma = np.linspace(0.0, 1.0, 21)
+        shapes, scene = np.sin(np.pi * np.outer([2, 4], sigma)), shaken(amplitude)
+        if model == "galerkin":
+            modes = cp.modes(np.stack([shapes, shapes]), layout="separate", arc_length=sigma)
+            return cp.galerkin.simulate(scene, modes)
+        modes = cp.modes(shapes, arc_length=sigma)
+        if model != "members":
+            return cp.condensed.simulate(scene, modes, order=model)
+        scenes = cp.ensemble.design(scene, {"cable.top_tension": [15000.0, 15001.0]}, members=2)
+        return cp.condensed.simulate(scenes, modes).isel(member=0)
+
+    def estimate_of(result):
+        return float(result.get("error_estimate", result.attrs.get("error_estimate")))
+
+    with pytest.warns(cp.OutOfRangeWarning, match="do not represent this scene"):
+        reduced = run(1.0)
+    assert float(abs(reduced.amplitude - reduced.amplitude.isel(time=0)).max()) < 1e-9
+    truth = cp.chain.simulate(shaken(1.0))
+    error = float(cp.compare.errors(reduced.drop_vars("member", errors="ignore"), truth)["error_max"])
+    assert estimate_of(reduced) == pytest.approx(error, rel=0.25)
+    assert estimate_of(run(0.0)) < 0.01  # of the chord, where nothing moves
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ seed = 2
 
 def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
     scene = tmp_path / "study.toml"
-    scene.write_text(SOFT_TOML + TABLE)
+    scene.write_text(SOFT_TOML.replace("links = 8", "links = 12") + TABLE)  # enough that nothing is to be said of them
     out = tmp_path / "deep" / "out"
     command = ["ensemble", str(scene), "--out", str(out), "--option", "step=4e-3", "--option", "outputs=['tension']"]
     assert cli.main(command) == 0

@@ -10,6 +10,7 @@ import pytest
 
 import cablepod as cp
 from cablepod import examples
+from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.discretisation._interpolation import at_places
 from cablepod.integrate._coarse import driven_of
 from cablepod.parameters._from_scene import parameters
@@ -52,6 +53,32 @@ def test_it_does_not_change_the_run_and_is_no_default(option):
     assert "space_error_estimate" not in plain.attrs
     assert asked.attrs["space_error_estimate"] > 0.0
     np.testing.assert_array_equal(asked.position, plain.position)
+
+
+@pytest.mark.parametrize("option", [{"step": 0.02}, {"tolerance": 1e-3}])
+def test_steps_of_an_implicit_companion_are_longer_with_its_links(option, monkeypatch):
+    # most of the time of such a step does not depend on the number of links
+    made, call = [], ImplicitChainRun.__call__
+    monkeypatch.setattr(
+        ImplicitChainRun, "__call__", lambda run, rate: made.append((run.chain.links, rate)) or call(run, rate)
+    )
+    cp.chain.simulate(
+        examples.scene("example3"), links=20, times=[0.0, 5.0, 10.0], scheme="trapezoidal",
+        outputs=("position", "error_estimate"), **option,
+    )  # fmt: skip
+    (links, rate), (fewer, lower) = made[-2:]
+    assert links == 20 > fewer
+    assert lower == pytest.approx(rate * fewer / links)
+
+
+@pytest.mark.parametrize("name", ["example2", "example3", "example4"])
+def test_with_a_given_step_the_estimate_contains_its_error(name):
+    scene, truth = examples.scene(name), cp.archive.read(examples.truth_path(name, "linear"))
+    run = cp.chain.simulate(
+        scene, links=40, times=truth.time.values, scheme="trapezoidal", step=0.1, outputs=("position", "error_estimate")
+    )
+    error = float(cp.compare.errors(run, truth).error_max)
+    assert error / 3.0 < run.attrs["space_error_estimate"] < 3.0 * error
 
 
 def test_each_member_has_the_estimate_of_its_scene():

@@ -178,14 +178,16 @@ def test_one_guy_of_a_table_breaks():
         small(lambda mapping: mapping["guy"][0].update(breaks_number=1))
 
 
-def test_a_broken_guy_pulls_no_more():
-    def breaking(mapping):
-        mapping["guy"][0]["count"] = 1
-        guy = {name: value for name, value in mapping["guy"][0].items() if name != "direction"}
-        for angle in (2.0, 4.0, 5.0):
-            mapping["guy"].append({**guy, "direction": [np.cos(angle), 0.0, np.sin(angle)]})
-        mapping["guy"][3]["breaks"] = 1.0
+def breaking(mapping):
+    """Four guys, of which the last breaks after a second."""
+    mapping["guy"][0]["count"] = 1
+    guy = {name: value for name, value in mapping["guy"][0].items() if name != "direction"}
+    for angle in (2.0, 4.0, 5.0):
+        mapping["guy"].append({**guy, "direction": [np.cos(angle), 0.0, np.sin(angle)]})
+    mapping["guy"][3]["breaks"] = 1.0
 
+
+def test_a_broken_guy_pulls_no_more():
     for kind in ("condensed", "chain"):
         run = cp.mast.simulate(small(breaking), guys=kind, times=np.arange(11) * 0.2)
         tension = run.guy_tension.isel(guy=3)
@@ -193,6 +195,21 @@ def test_a_broken_guy_pulls_no_more():
         assert float(abs(tension.sel(time=slice(1.1, 2.0))).max()) == 0.0
     with pytest.raises(SceneError, match=r"^guy\.4\.breaks: .*condensed"):
         cp.mast.simulate(small(breaking), guys="catenary")
+
+
+def test_a_broken_guy_takes_its_energy_away():
+    scene = small(lambda mapping: (breaking(mapping), undamped(mapping), mapping["mast"].pop("load")))
+
+    def drift(step):
+        energy = cp.mast.simulate(scene, outputs=("energy",), step=step, times=0.1 * np.arange(41)).energy
+        assert float(abs(energy[:10]).max()) < 1e-6
+        left = energy[10:]
+        assert float(left.max()) < -1000.0  # what the guy had
+        return float(np.ptp(left.values))
+
+    coarse, fine = drift(0.01), drift(0.005)
+    assert coarse < 1e-4 * 1000.0
+    assert 3.3 < coarse / fine < 4.7  # bounded, of second order
 
 
 def rupture(*, built=True, modes=8, **breaks):

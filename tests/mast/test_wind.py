@@ -82,6 +82,29 @@ def test_a_record_is_a_given_field(scene, field, tmp_path):
         )  # fmt: skip
 
 
+def test_rest_with_a_record_is_in_the_mean_of_the_record(field, tmp_path):
+    steady = field.assign(mean_wind=0.5 * field.mean_wind)
+    steady["wind"] = (field.wind - 0.5 * field.mean_wind).transpose(*field.wind.dims)
+    cp.archive.write(steady, tmp_path / "half.nc")
+    kept = small(
+        lambda mapping: (
+            windy(mapping), mapping.update(wind={**WIND, "turbulence": {"record": str(tmp_path / "half.nc")}})
+        )
+    )  # fmt: skip
+    half = small(lambda mapping: (windy(mapping), mapping.update(wind={"speed": 10.0, "direction": [1.0, 0.0, 0.0]})))
+    with pytest.warns(UserWarning, match=r"^wind\.speed, .*the record is used"):
+        rest = cp.mast.rest(kept)
+    assert rest.attrs["air"] == "mean wind of the record"
+    expected, run = cp.mast.rest(half), cp.mast.simulate(kept, times=[0.0, 0.04])
+    # the field is linear between its points
+    np.testing.assert_allclose(rest.guy_tension, expected.guy_tension, rtol=1e-4)  # by wind.speed: 30 % less
+    np.testing.assert_allclose(rest.displacement, expected.displacement, rtol=2e-3, atol=1e-9)
+    np.testing.assert_array_equal(rest.displacement, run.displacement[0])
+    np.testing.assert_array_equal(cp.summary(kept).guy_tension_mean_wind, rest.guy_tension)
+    found, wanted = (cp.mast.frequencies(scene, count=4).angular_frequency for scene in (kept, half))
+    np.testing.assert_allclose(found, wanted, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [

@@ -110,3 +110,13 @@ def test_cells_share_names_and_figures_that_cannot_be_drawn_fail():
     text = "# %%\nfrom matplotlib import pyplot as plt\nplt.gca().set_title('$\\\\frac$')\n"
     with pytest.raises(ValueError, match="frac"):
         run(text, "page.py")
+
+
+def test_the_list_of_notebooks_is_complete_and_has_no_number():
+    page = (FOLDER.parent / "README.md").read_text(encoding="utf-8").partition("## Notebooks")[2]
+    listed = re.findall(r"^\| \[`(\w+)`\]", page, re.MULTILINE)
+    assert sorted(listed) == sorted(path.stem for path in FOLDER.glob("*.py")) == sorted(PAGES)
+    # a number in words, which nobody updates: seven were eight
+    texts = [(ROOT / "README.md").read_text(encoding="utf-8"), page]
+    number = re.compile(r"\b(?:six|seven|eight|nine|ten)\s+(?:articles|notebooks)\b", re.IGNORECASE)
+    assert [match[0] for text in texts for match in number.finditer(text)] == []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from error_vs_runtime import figure, models, run, whole_calls
+from error_vs_runtime import figure, models, run, top_tension, whole_calls
 
 import cablepod as cp
 
@@ -164,3 +164,35 @@ def test_whole_default_calls(tmp_path):
     assert len(lines) == 2 + 2
     assert lines[2].split("|")[7].strip() == f"{float(full['call_time'] / reduced['call_time']):.2g}"
     assert whole_calls.draw(result).axes[0].get_title().startswith("Example 2")
+
+
+def test_errors_of_the_top_tension_are_those_put_in():
+    given, times = models.scene_of("example2", 6.0), np.arange(61) / 10.0
+    truth = top_tension.truth_of(given, "linear", times, elements=2)
+    run = cp.cable.simulate(given, elements=2, law="linear", step=top_tension.STEP, points=11, times=times)
+    same = top_tension.errors_of(run, truth)
+    assert max(same.values()) < 1e-4  # interpolation between points of the same cable
+    extent = float(np.ptp(run["tension"].values[:, -1]))
+    assert extent > 10.0  # N: the end has moved
+    higher = run.copy(deep=True)
+    higher["tension"][7, -1] += 0.1 * extent  # not at the peak, so that this is right
+    higher["tension"][:, 0] *= 2.0  # not the top
+    assert top_tension.errors_of(higher, truth)["tension_error"] == pytest.approx(0.1, abs=1e-3)
+    higher = run.copy(deep=True)
+    higher["tension"][:, -1] += 0.2 * extent
+    assert top_tension.errors_of(higher, truth)["peak_error"] == pytest.approx(0.2, abs=1e-3)
+    higher["position"][:, 1:-1, 1] += 1e-3
+    assert top_tension.errors_of(higher, truth)["position_error"] > 10.0 * same["position_error"]
+
+
+@pytest.mark.slow
+def test_top_tension_beside_position():
+    result = top_tension.study(["example2"], quick=True, repeats=1)
+    assert (result["tension_error"].values < 0.05).all()
+    assert (result["peak_error"] <= result["tension_error"]).all()
+    chains = result.sel(scene="example2").isel(setting=result["model"].values == "chain")
+    assert (np.diff(chains["tension_error"].values) < 0.0).all()  # 10 and 20 links
+    lines = top_tension.table(result).splitlines()
+    assert len(lines) == 2 + result.sizes["setting"]
+    assert f"{100.0 * float(chains['peak_error'][0]):.2g} %" in lines[2]
+    assert top_tension.draw(result).axes[1].get_ylabel().startswith("top tension")

@@ -132,7 +132,7 @@ def the_main_job(mapping: dict[str, Any]) -> None:
 def test_a_mutated_scene_gives_a_result_or_a_clear_error(mapping):
     with in_time(), warnings.catch_warnings():
         warnings.simplefilter("error")  # what numpy warns of is a nan on its way
-        for known in (cp.NotConvergedWarning, cp.OutOfRangeWarning, cp.UnusualSceneWarning):
+        for known in (cp.NotConvergedWarning, cp.OutOfRangeWarning, cp.UnusualSceneWarning, cp.CoarseWarning):
             warnings.simplefilter("ignore", known)
         warnings.filterwarnings("ignore", message=r"catenary\.rest leaves out the point loads")
         the_main_job(mapping)

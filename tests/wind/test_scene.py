@@ -177,6 +177,5 @@ def test_a_study_leaves_out_the_model_that_refuses_wind():
 def test_the_catenary_is_in_still_air_and_says_so():
     still, windy = (cp.catenary.rest(cp.make_scene({**GUY, **wind})) for wind in ({}, {"wind": WIND}))
     assert np.array_equal(still.position, windy.position)
-    assert windy.attrs["air"] == "still"
+    assert windy.attrs["air"] == still.attrs["air"] == "still air"  # in the words of the other results at rest
     assert windy.attrs["title"].endswith("continuous cable at rest in still air")
-    assert "air" not in still.attrs
