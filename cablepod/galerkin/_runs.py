@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, ENDS, labelled_dataset, values_of_index
+from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
 from cablepod.integrate._march import advance_in_blocks
@@ -216,7 +216,7 @@ class GalerkinRun:
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": (np.arange(count) if numbers is None else values_of_index(numbers))[:count],
+            "mode": (np.arange(count) if numbers is None else numbers.values)[:count],
             "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}

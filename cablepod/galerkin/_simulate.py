@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod._inputs import FIELD_MODES, taken
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
-from cablepod.conventions import OUTPUTS, values_of_index
+from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, law_of
 from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.galerkin._assembly import model_of
@@ -213,9 +213,7 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
         share = modes.variables["energy_share"]
         kept = share.values.take(range(result.sizes["mode"]), share.dims.index("mode"))
         attributes["energy_share_kept"] = float(kept.sum(share.dims.index("mode")).min())
-    return attributes | distance_outside_training(
-        modes, p, length, float(values_of_index(result.variables["time"])[-1])
-    )
+    return attributes | distance_outside_training(modes, p, length, float(result.variables["time"].values[-1]))
 
 
 def _warn_of_energy_defect(defect: float, scheme: str) -> None:

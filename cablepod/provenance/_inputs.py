@@ -23,7 +23,7 @@ from cablepod.provenance._content import (
     total_hash,
     variable_hash,
 )
-from cablepod.provenance._stages import COMPACT, SORTED, keep_verdict, merged_stages, recorded_content
+from cablepod.provenance._stages import COMPACT, SORTED, merged_stages, recorded_content
 from cablepod.provenance._values import MAX_HISTORY_ITEMS, to_json
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _found(
 ) -> _Found:
     """Return the content of a Dataset; chunked variables have the recorded hash, with another shape one that follows from it."""
     hashes, chunked = {}, []
-    for key, variable in dataset._variables.items():
+    for key, variable in dataset.variables.items():
         name = str(key)
         if contents is not None:
             hashes[name] = contents[name].hash
@@ -205,7 +205,6 @@ def _with_stage(
     stage = {"id": identifier, "function": function, "parameters": parameters, "inputs": parents, "content": content}
     stages[identifier] = SORTED.encode(stage)
     text = Abridged(f"[{', '.join(stages.values())}]")
-    keep_verdict(text, True)
     said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
     return Input(identifier, text, said, identifier)
 
@@ -213,7 +212,7 @@ def _with_stage(
 def _extent(dataset: xr.Dataset) -> dict[str, Any]:
     """Return sizes, and first and last instant [s] of a Dataset."""
     extent: dict[str, Any] = {"sizes": {str(name): int(size) for name, size in dataset.sizes.items()}}
-    time = dataset._variables.get("time")
+    time = dataset.variables.get("time")
     if time is not None and time.size and time.dtype.kind in "fiu" and not is_chunked(time):
         ends = [float(value) for value in np.asarray(time.values).reshape(-1)[[0, -1]]]
         extent |= {

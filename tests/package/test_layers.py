@@ -21,7 +21,8 @@ PACKAGE = Path(cablepod.__file__).parent
 
 #: Sub-packages and modules by level.  Each may import from lower levels, and within itself.
 LAYERS = (
-    ("conventions", "errors", "provenance", "_jit"),
+    ("conventions", "errors", "_jit"),
+    ("provenance",),
     ("parameters", "_resources"),
     ("_inputs",),
     ("catenary", "batch"),
