@@ -11,7 +11,7 @@ from cablepod._jit import REORDERED_FUSED, compiled
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, counted=False)
 def _chord_tensions(sizes, terms, rows, at, q, tension):
-    """Fill H (lanes) [N] by the closure to leading order, the integral of zeta' = 1 + N / K - w'^2 / 2 over the length:
+    """Fill H (lanes) [N] by the closure to leading order, from the integral of zeta' = 1 + N / K - w'^2 / 2 over the length.
 
     H = K (c / L0 - 1) - sum_a g_a mean_a + K / (2 L0) sum_j kappa_j q_j^2
 
