@@ -203,11 +203,3 @@ def test_a_range_in_two_forms_is_refused(ranges):
         cp.SceneError, match=r"^ensemble\.ranges\.cable\.top_tension: given in two forms; allowed: one$"
     ):
         cp.ensemble.design(cp.make_scene(SOFT), ranges, members=5)
-
-
-def test_parameters_of_a_prepared_model_are_the_same_in_all_forms():
-    scene = cp.make_scene(SOFT)
-    prepared = cp.condensed.prepare(scene, cp.condensed.vibration_modes(scene, rank=2))
-    runs = [prepared.run({path: 220.0}) for path in ("cable.top_tension", "cable_top_tension")]
-    assert (runs[0].amplitude == runs[1].amplitude).all()
-    assert (runs[0].amplitude != prepared.run().amplitude).any()
