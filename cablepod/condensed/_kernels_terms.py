@@ -6,6 +6,8 @@ run alone is one lane.  Every scheme, single runs, batches, hosts and the error 
 
 from __future__ import annotations
 
+import numpy as np
+
 from cablepod._jit import REORDERED_FUSED, compiled
 
 
@@ -36,9 +38,9 @@ def _geometric_forces(sizes, terms, rows, at, tension, x, f):
         for m in range(lanes):
             total = tension[m] * terms.kappa[j * lanes + m] * x[j * lanes + m]
             for a in range(patterns):
-                stiff = 0.0
-                for k in range(size):
-                    stiff += terms.geometric_stiffness[((a * size + j) * size + k) * lanes + m] * x[k * lanes + m]
+                stiff, first = 0.0, (a * size + j) * size
+                for k in range(size):  # indices without sign: a negative one would count from the end, which takes a test
+                    stiff += terms.geometric_stiffness[np.uintp((first + k) * lanes + m)] * x[np.uintp(k * lanes + m)]
                 total += rows[at + (1 + a) * lanes + m] * stiff
             f[j * lanes + m] = total
 
