@@ -38,10 +38,9 @@ def _geometric_forces(sizes, terms, rows, at, tension, x, f):
         for m in range(lanes):
             total = tension[m] * terms.kappa[j * lanes + m] * x[j * lanes + m]
             for a in range(patterns):
+                # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
                 stiff, first = 0.0, (a * size + j) * size
-                for k in range(
-                    size
-                ):  # indices without sign: a negative one would count from the end, which takes a test
+                for k in range(size):
                     stiff += terms.geometric_stiffness[np.uintp((first + k) * lanes + m)] * x[np.uintp(k * lanes + m)]
                 total += rows[at + (1 + a) * lanes + m] * stiff
             f[j * lanes + m] = total

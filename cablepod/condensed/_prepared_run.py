@@ -81,7 +81,7 @@ def run(
     if "end_force" in outputs:
         force = _end_forces(coefficients, q, boundary_data, ends)
         if air is not None:
-            force += _end_forces_by_drag(model, coefficients, air, state)
+            force += _end_forces_by_drag(coefficients, air, state, ends)
     if "position" in outputs:
         closed = close_chord_of(model, q, boundary_data)
         position = positions_of(model, closed[0], closed[3], ends)
@@ -123,12 +123,10 @@ def _end_forces(
 
 
 def _end_forces_by_drag(
-    model: CondensedModel, coefficients: HostCoefficients, air: CondensedAir, state: CondensedTrajectory
+    coefficients: HostCoefficients, air: CondensedAir, state: CondensedTrajectory, ends: np.ndarray
 ) -> np.ndarray:
     """Return the part of the drag in the forces on the upper support (times, dims) [N], from its moments and accelerations."""
-    times = state.instants.times
-    ends = model.chain.p.end_positions(times)
-    chord = ends[:, 1] - ends[:, 0]
+    model, times, chord = air.model, state.instants.times, ends[:, 1] - ends[:, 0]
     stretch = np.sqrt(np.sum(chord**2, axis=1)) / model.chain.total_length
     drag = DragOfMotion.of(air, times, state.q, state.rates, stretch)
     accelerations = drag.on(air.shapes[0], model.n_in_plane) * coefficients.by_coordinate[layout.MOMENTS]
