@@ -65,14 +65,16 @@ def _forces(sizes, terms, rows, at, q, tension, f):
             f[j * lanes + m] = load - f[j * lanes + m]
 
 
-@compiled(literal=False, counted=False)
+@compiled(noalias=True, literal=False, counted=False)
 def _fill_tangent(terms, rows, at, q, tension, tangent):
     """Fill the negative derivative of the accelerations of one lane by q (r, r): H kappa + g G + K / L0 kappa q (kappa q)^T."""
     size, patterns = q.size, terms.mean_chordwise_forces.size
     for i in range(size):
+        by_sag = 2.0 * terms.sag_stiffness[0] * terms.kappa[i] * q[i]
         for j in range(size):
-            total = 2.0 * terms.sag_stiffness[0] * terms.kappa[i] * q[i] * terms.kappa[j] * q[j]
-            for a in range(patterns):
-                total += rows[at + 1 + a] * terms.geometric_stiffness[(a * size + i) * size + j]
-            tangent[i, j] = total
+            tangent[i, j] = by_sag * terms.kappa[j] * q[j]
+        for a in range(patterns):
+            load = rows[at + 1 + a]
+            for j in range(size):
+                tangent[i, j] += load * terms.geometric_stiffness[(a * size + i) * size + j]
         tangent[i, i] += tension * terms.kappa[i]
