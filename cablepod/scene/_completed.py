@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import key_at, kind_in, variable_name
-from cablepod.parameters._keys import TABLES, TURBULENCE, WIND, Key, check_table
+from cablepod.parameters._keys import TABLES, TURBULENCE, WIND, Key, check_damping, check_table
 from cablepod.parameters._mast_keys import SHARED_TABLES
 from cablepod.scene._check import check_cable, check_chain, check_time
 from cablepod.scene._files import read_record
@@ -143,6 +143,8 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
         check_chain(tree)
     if table == "time":
         check_time(tree)
+    if table == "damping":
+        check_damping(checked)
     if table == "ice":
         for cable in _cables_of(scene):
             if variable_name(f"{cable}.diameter") not in scene:
