@@ -81,7 +81,6 @@ class CondensedAir:
     air: CableAir
     end_time: float
     points: int | None = None  #: number of Gauss points; two more than the modes of a deflection by default
-    longest_interval: float = math.inf  #: of the samples of the air in the chord frame, where the ends move [s]
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +147,7 @@ class CondensedAir:
             turned = (of_air @ np.kron(axes, np.eye(sigma.size)).T).reshape(self._projected.shape)
             return refined(turned), self._rate
         velocity, rate = self.at_samples
-        scale = min(p.shortest_time_scale / SAMPLES_PER_CHANGE, self.longest_interval)
+        scale = p.shortest_time_scale / SAMPLES_PER_CHANGE
         parts = max(1, math.ceil(1.0 / (rate * scale)))
         count = math.ceil(self.end_time * rate * parts) + 2
         place = np.minimum(np.arange(count) / parts, len(velocity) - 1.0)

@@ -251,7 +251,7 @@ class MemberCoefficients:
     def fill(
         self, part: np.ndarray, q: np.ndarray, times: np.ndarray, done: LaneResults, targets: dict[str, np.ndarray]
     ) -> np.ndarray:
-        """Fill the rows of members from coordinates q (members, times, r); return whether they have chord frames at all `times`."""
+        """Fill the rows of members from coordinates q (members, times, r); return whether they always have chord frames."""
         for name, which, bases in zip(pod_normal.SETS, self.plan.unit.sets, self.scaled.bases, strict=False):
             turned = q[:, :, which] @ np.swapaxes(bases[part], 1, 2)
             targets[f"amplitude{name}"][part, :, : turned.shape[2]] = turned

@@ -74,8 +74,8 @@ class _Points(NamedTuple):
     """Points along a cable of unit length and mass."""
 
     weights: np.ndarray
-    #: chordwise inertia, of links its factors, see :attr:`Coefficients.inertia`; grows with the mass per length, and with the length:
-    #: the factors as in `inertia_powers`
+    #: chordwise inertia, of links its factors, see :attr:`Coefficients.inertia`; grows with the mass per length, and with the
+    #: length as `inertia_powers` say
     inertia: np.ndarray
     inertia_powers: np.ndarray  #: powers of the length, a column
     patterns: np.ndarray

@@ -39,8 +39,8 @@ SAFE_RTOL = 1e-7
 def _newton_green(strain, squared, stretch):
     """Return Newton's correction of the chordwise stretch zeta' by law (21), its derivative by N / K, and its curvature.
 
-    The law is N / K = zeta' (xi^2 - 1) / 2 with xi^2 = zeta'^2 + w'^2, for a given N / K `strain` and w'^2 `squared`; the curvature
-    is half the second derivative over the first.
+    The law is N / K = zeta' (xi^2 - 1) / 2 with xi^2 = zeta'^2 + w'^2, for a given N / K `strain` and w'^2 `squared`; the
+    curvature is half the second derivative over the first.
     """
     inverse_tangent = 1.0 / (3.0 * stretch * stretch + squared - 1.0)
     correction = (2.0 * strain - stretch * (stretch * stretch + squared - 1.0)) * inverse_tangent

@@ -35,10 +35,13 @@ CHORD, REACH, FLEXIBILITY = (
 
 
 @compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
-def _add_products(factor, matrix, source, count, target):
-    """Add a factor times the product of a matrix (rows, k) and source (k, count) to target (rows, count)."""
-    for i in range(target.shape[0]):
-        for k in range(source.shape[0]):
+def _add_products(factor, matrix, first_row, last_row, first, last, source, count, target):
+    """Add a factor times the product of a part of a matrix and source (columns, count) to target (rows, count).
+
+    The part are the rows `first_row` ... `last_row` - 1 and the columns `first` ... `last` - 1.
+    """
+    for i in range(first_row, last_row):
+        for k in range(first, last):
             weight = factor * matrix[i, k]
             for t in range(count):
                 target[i, t] += weight * source[k, t]
@@ -137,7 +140,7 @@ def exact_differences(terms, boundary_data, q, q_dot, q_ddot, work, y, differenc
     """
     loads, motion, fields, sums, own, forces, tension = work
     (samples, r), size, columns, shift = q.shape, y.shape[1], boundary_data.shape[1], 0.0 if terms.leading else 1.0
-    rows, n, enriched = boundary_data.reshape(-1), terms.in_plane, terms.enriched_in_plane
+    rows, n, enriched, m = boundary_data.reshape(-1), terms.in_plane, terms.enriched_in_plane, terms.weights.size
     for begin in range(0, samples, BLOCK):
         count = min(BLOCK, samples - begin)
         for t in range(count):
@@ -151,25 +154,27 @@ def exact_differences(terms, boundary_data, q, q_dot, q_ddot, work, y, differenc
             for k in range(FORCE + 1):
                 for j in range(fields.shape[1]):
                     fields[k, j, t] = 0.0
-        _add_products(1.0, terms.change, motion[0], count, own)
+        _add_products(1.0, terms.change, 0, size, 0, r, motion[0], count, own)
         for t in range(count):
             for i in range(size):
                 y[begin + t, i] = own[i, t]
             _chord_tensions(terms.sizes, terms.enriched, rows, (begin + t) * columns, y[begin + t], tension)
             sums[TENSION, t] = tension[0]
         for k in range(3):
-            _add_products(1.0, terms.slopes_of_motion[:, :n], motion[k, :n], count, fields[2 * k])
-            _add_products(1.0, terms.slopes_of_motion[:, n:], motion[k, n:], count, fields[2 * k + 1])
-        _add_products(1.0, terms.force_patterns, loads, count, fields[FORCE])
+            for plane in range(2):
+                first, last = (0, n) if plane == 0 else (n, r)
+                _add_products(1.0, terms.slopes_of_motion, 0, m, first, last, motion[k], count, fields[2 * k + plane])
+        _add_products(1.0, terms.force_patterns, 0, m, 0, loads.shape[0], loads, count, fields[FORCE])
         _close_samples(
             terms.weights, terms.enriched.stiffness[0], terms.green, shift, terms.corrections, count, fields, sums
         )
         _fill_second_rates(count, fields)
         _chordwise_momentum(count, fields[SECOND_RATE], terms.weights, terms.inertia, fields[MOMENTUM])
         _fill_forces_on_slopes(terms.weights, shift, count, fields, sums)
-        _add_products(-1.0, terms.slopes[:enriched], fields[SLOPE], count, forces[:enriched])
-        _add_products(-1.0, terms.slopes[enriched:], fields[SLOPE + 1], count, forces[enriched:])
-        _add_products(-1.0, terms.change, motion[2], count, forces)
+        for plane in range(2):
+            first, last = (0, enriched) if plane == 0 else (enriched, size)
+            _add_products(-1.0, terms.slopes, first, last, 0, m, fields[SLOPE + plane], count, forces)
+        _add_products(-1.0, terms.change, 0, size, 0, r, motion[2], count, forces)
         for t in range(count):
             tension_change[begin + t] = sums[TENSION_CHANGE, t]
             largest_force[begin + t] = sums[LARGEST_FORCE, t] + shift * sums[TENSION_CHANGE, t]

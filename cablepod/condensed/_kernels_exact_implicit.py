@@ -8,7 +8,7 @@ from cablepod._jit import compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_dense import _solve
 from cablepod.condensed._kernels_exact import _exact_work, _record_exact, exact_force
-from cablepod.condensed._kernels_layout import CHORD_TENSION
+from cablepod.condensed._kernels_layout import CHORD_TENSION, ExactTerms
 from cablepod.condensed._kernels_rates import _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
 from cablepod.condensed._kernels_step import _add_modal_tangent, _save_implicit, _update_rates
@@ -59,7 +59,11 @@ def exact_trapezoidal(
     f, tangent, mass, work = np.empty(r), np.empty((r, r)), np.empty((r, r)), _exact_work(exact)
     change, q_start, rates, previous_acceleration = np.empty(r), np.empty(r), np.empty(r), np.empty(r)
     no_array, tension, saved, accepted = np.empty((0, 0)), np.empty(1), 0, stretch[0]
-    without_inertia, steps = exact._replace(inertia=no_array), boundary_data.shape[0] - 1
+    steps = boundary_data.shape[0] - 1
+    without_inertia = ExactTerms(
+        exact.stiffness, exact.green, exact.slopes, exact.in_plane, exact.force_patterns, exact.weights, exact.load_projection,
+        no_array,
+    )  # fmt: skip
     for j in range(r):
         previous_acceleration[j] = acceleration[j]
     for i in range(steps + 1):

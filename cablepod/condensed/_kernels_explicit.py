@@ -82,8 +82,8 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     damped, state, record
         See above.  At the start `state.v` holds the rates; later, and on return, (u - u(t - h)) / h for u = q now.
     rows, steps
-        Boundary data (steps + 1 or more, columns, lanes), flat; row number `steps` is the first of the next block.  The first step
-        takes three rows where there are as many.
+        Boundary data (steps + 1 or more, columns, lanes), flat; row number `steps` is the first of the next block.  The first
+        step takes three rows where there are as many.
     begin
         Number of the first step.
     monitor

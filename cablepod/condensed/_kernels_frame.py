@@ -163,8 +163,8 @@ def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass,
 def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, reference, axes, rows, at):
     """Fill the boundary data of one step of spatial members, as :func:`planar_frames_of_lanes` of planar ones.
 
-    `reference` is the unit vector along the axis that defines the normals (3, lanes), `axes` a work array (9, lanes): the direction
-    from the upper end to the lower one, both normals.
+    `reference` is the unit vector along the axis that defines the normals (3, lanes), `axes` a work array (9, lanes): the
+    direction from the upper end to the lower one, both normals.
     """
     width, count = len(lanes), len(patterns)
     for m in range(width):

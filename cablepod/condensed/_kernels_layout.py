@@ -116,6 +116,16 @@ class Links(NamedTuple):
     low: np.ndarray  #: least tensions (links lanes) [N]; changed
     high: np.ndarray  #: largest tensions (links lanes) [N]; changed
 
+    @classmethod
+    def of(
+        cls, slopes: np.ndarray, in_plane: int, force_patterns: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> Links:
+        """Return tables in C order, extremes and work arrays."""
+        across, out_of_plane, force = np.empty((3, low.size))
+        tables = map(np.ascontiguousarray, (slopes, force_patterns))
+        slopes, force_patterns = tables
+        return cls(slopes, in_plane, force_patterns, across, out_of_plane, force, low, high)
+
 
 class Damped(NamedTuple):
     """Step and damping by mass c, for each lane."""
@@ -141,6 +151,12 @@ class ExplicitState(NamedTuple):
     predicted: np.ndarray  #: Numerov: predicted coordinates
     new_f: np.ndarray  #: Numerov: forces there
     tension: np.ndarray  #: H (lanes) [N]
+
+    @classmethod
+    def of(cls, q: np.ndarray, v: np.ndarray, before: np.ndarray, lanes: int = 1) -> ExplicitState:
+        """Return the state at the start, (r lanes,) each."""
+        earlier, f, predicted, new_f = np.zeros((4, q.size))
+        return cls(q.copy(), v.copy(), before.copy(), earlier, f, predicted, new_f, np.empty(lanes))
 
 
 class Record(NamedTuple):
@@ -214,7 +230,7 @@ class ErrorTerms(NamedTuple):
     in_plane: int  #: number of the motion's in-plane coordinates
     enriched_in_plane: int  #: the same of the enriched model
     inertia: np.ndarray  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_closure._chordwise_momentum`
-    damping: float  #: by mass [1/s]
+    damping: Any  #: by mass, a number [1/s]
     green: bool  #: whether law (21) holds
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure

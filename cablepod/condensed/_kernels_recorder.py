@@ -63,10 +63,10 @@ def _monitor_step(sizes, terms, bounds, rows, at, q, tension, number, monitor):
 def _update_extremes(sizes, links, rows, at, q, tension):
     """Update the extremes by the tensions of the links to leading order, (H + tau) sqrt(1 + w'^2)."""
     lanes, size, count = len(sizes.lanes), len(sizes.modes), links.low.size
-    for k in range(count):
-        links.across[k] = 0.0
-        links.out_of_plane[k] = 0.0
-        links.force[k] = 0.0
+    for n in range(count):
+        links.across[n] = 0.0
+        links.out_of_plane[n] = 0.0
+        links.force[n] = 0.0
     # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
     for i in range(links.in_plane):
         slopes = links.slopes[i]

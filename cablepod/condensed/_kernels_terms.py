@@ -6,12 +6,14 @@ run alone is one lane.  Every scheme, single runs, batches, hosts and the error 
 
 from __future__ import annotations
 
+import numpy as np
+
 from cablepod._jit import REORDERED_FUSED, compiled
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, counted=False)
 def _chord_tensions(sizes, terms, rows, at, q, tension):
-    """Fill H (lanes) [N] by the closure to leading order, the integral of zeta' = 1 + N / K - w'^2 / 2 over the length:
+    """Fill H (lanes) [N] by the closure to leading order, from the integral of zeta' = 1 + N / K - w'^2 / 2 over the length.
 
     H = K (c / L0 - 1) - sum_a g_a mean_a + K / (2 L0) sum_j kappa_j q_j^2
 
@@ -36,9 +38,10 @@ def _geometric_forces(sizes, terms, rows, at, tension, x, f):
         for m in range(lanes):
             total = tension[m] * terms.kappa[j * lanes + m] * x[j * lanes + m]
             for a in range(patterns):
-                stiff = 0.0
+                # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
+                stiff, first = 0.0, (a * size + j) * size
                 for k in range(size):
-                    stiff += terms.geometric_stiffness[((a * size + j) * size + k) * lanes + m] * x[k * lanes + m]
+                    stiff += terms.geometric_stiffness[np.uintp((first + k) * lanes + m)] * x[np.uintp(k * lanes + m)]
                 total += rows[at + (1 + a) * lanes + m] * stiff
             f[j * lanes + m] = total
 

@@ -128,9 +128,8 @@ class Lanes:
         self.batch, self.ends, self.scheme, self.stable_phase = batch, ends, scheme, stable_phase
         p, unit = batch.parameters, batch.plan.unit
         self.bound = DIVERGENCE_FACTOR * np.sqrt(p.mass * batch.total * unit.chain.tributary_length.sum()) * batch.total
-        self.sizes = constant_sizes(
-            sum(unit.ranks), len(unit.load_patterns), len(unit.load_patterns) * (p.dims - 1), LANES
-        )
+        patterns = len(unit.load_patterns)
+        self.sizes = constant_sizes(sum(unit.ranks), patterns, patterns * (p.dims - 1), LANES)
         candidates = np.swapaxes(batch.scaled.named["chordwise_forces_at_candidates"], 1, 2)
         self.of_monitor = batch.scaled.named["geometric_stiffness_norms"], candidates
 
@@ -173,11 +172,11 @@ class Lanes:
             for result, values in zip(results, group.results(), strict=True):
                 result[lanes] = values
             final[lanes] = group.of_lanes(group.state.q, r)
-        coordinates, rates, boundary_data, low, high, monitor = (result[:count] for result in results)
+        coordinates, half_step_rates, boundary_data, low, high, monitor = (result[:count] for result in results)
         completed = (np.abs(final[:count]) < self.bound[part, None]).all(axis=1) & np.isinf(monitor[:, UNSTABLE_STEP])
         least_force, least_force_step = monitor[:, MIN_FORCE], monitor[:, MIN_FORCE_STEP]
         return LaneResults(
-            instants, coordinates, rates, boundary_data, low, high, least_force, least_force_step, completed
+            instants, coordinates, half_step_rates, boundary_data, low, high, least_force, least_force_step, completed
         )
 
 
@@ -207,14 +206,12 @@ class _Group:
         tables = (named[name][members][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
         slopes, patterns = (np.moveaxis(table, 0, -1).reshape(table.shape[1], -1) for table in tables)
         size = links * LANES
-        self.links = Links(
-            np.ascontiguousarray(slopes), plan.unit.n_in_plane, np.ascontiguousarray(patterns), np.empty(size), np.empty(size),
-            np.empty(size), np.full(size, np.inf), np.full(size, -np.inf),
-        )  # fmt: skip
+        low, high = np.full(size, np.inf), np.full(size, -np.inf)
+        self.links = Links.of(slopes, plan.unit.n_in_plane, patterns, low, high)
         none = np.empty(0)
         self.no_links = self.links._replace(low=none, high=none)
         self.damped = damped_step(p.damping[members], 1.0 / instants.steps_per_second, lanes.scheme)
-        self.state = ExplicitState(_flat(q), _flat(v), *(np.zeros(q.size) for _ in range(5)), np.empty(LANES))
+        self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
         limit = (lanes.stable_phase * instants.steps_per_second) ** 2
         self.monitor = np.zeros((MONITOR_ROWS, LANES))
         self.monitor[[MIN_FORCE, UNSTABLE_STEP]], self.monitor[OMEGA_SQUARED_LIMIT] = np.inf, limit

@@ -98,18 +98,15 @@ class CondensedStepper:
         self.modal_damping = model.damping_matrix.reshape(-1)  #: flat, without entries where there is none
         #: Coordinates, rates and damped accelerations (3, r); an explicit run to leading order has a state of its own.
         self.state = self._initial_state()
-        self.explicit_state = ExplicitState(
-            *(row.copy() for row in self.state[:2]), 3.0 * self.state[1] - 2.0 * run.start.rates,
-            *(np.zeros(r) for _ in range(4)), np.empty(1),
-        )  # fmt: skip
+        before = 3.0 * self.state[1] - 2.0 * run.start.rates  # the prediction at the start gives the rates there
+        self.explicit_state = ExplicitState.of(self.state[0], self.state[1], before)
         #: Chordwise stretch: first guess for the next step, and that of the last one (2, m); empty to leading order.
         self.stretch = np.empty((2, 0))
         if run.leading:
             slopes, patterns = (
                 np.ascontiguousarray(table[:, chosen]) for table in (model.slopes, model.chordwise_force_patterns)
             )
-            work = (np.empty(chosen.size) for _ in range(3))
-            self.links = Links(slopes, model.n_in_plane, patterns, *work, self.low, self.high)
+            self.links = Links.of(slopes, model.n_in_plane, patterns, self.low, self.high)
         else:
             self.stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
         self.bounds = model.bounds()

@@ -359,12 +359,11 @@ COMPILED = (
     "cablepod.cable._kernels_trapezoidal.trapezoidal",
     "cablepod.galerkin._kernels_explicit.verlet",
     "cablepod.condensed._kernels_frame.frames",
-    "cablepod.condensed._kernels_leading.leading_verlet",
-    "cablepod.condensed._kernels_leading_numerov.leading_numerov",
-    "cablepod.condensed._kernels_numerov_of_two.numerov_of_two",
-    "cablepod.condensed._kernels_leading_implicit.leading_implicit",
+    "cablepod.condensed._kernels_explicit.verlet",
+    "cablepod.condensed._kernels_explicit.numerov",
+    "cablepod.condensed._kernels_implicit.trapezoidal",
     "cablepod.condensed._kernels_exact.exact_verlet",
-    "cablepod.condensed._kernels_exact_implicit.exact_implicit",
+    "cablepod.condensed._kernels_exact_implicit.exact_trapezoidal",
 )
 TABLES = (
     "cablepod.parameters._time_functions.TimeFunction.__call__",
@@ -443,7 +442,9 @@ def _through(note: Callable[..., Any]) -> Iterator[None]:
 
 
 def copied(item: Any) -> Any:
-    """Copy an array that a call may change."""
+    """Copy an array that a call may change, also those of named arguments."""
+    if isinstance(item, tuple) and hasattr(item, "_fields"):
+        return type(item)(*map(copied, item))
     return item.copy(order="K") if isinstance(item, np.ndarray) and item.flags.writeable else item
 
 
