@@ -91,6 +91,14 @@ def test_members_have_the_bits_of_single_runs():
         assert float(together.position.std("member").max()) > 1e-5
 
 
+def test_ratios_are_part_of_the_identity_and_history_of_a_run():
+    one, other = (string_from_mode(1, {"ratios": [0.02, last]}, links=6)[0] for last in (0.01, 0.03))
+    assert one.attrs["id"] != other.attrs["id"]
+    runs = [cp.chain.simulate(scene, step=1e-2) for scene in (one, other)]
+    assert runs[0].attrs["id"] != runs[1].attrs["id"]
+    assert '"ratios": [0.02, 0.01]' in str(runs[0].attrs["history_json"])
+
+
 @pytest.mark.parametrize(("key", "value"), [("ratio", 0.02), ("ratios", [0.02, 0.01])])
 def test_explicit_schemes_free_ends_and_other_models_refuse_it(key, value):
     scene = {
