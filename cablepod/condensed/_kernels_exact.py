@@ -22,7 +22,7 @@ from cablepod.condensed._kernels_layout import (
     WEIGHTED_STIFFNESS,
     ExactWork,
 )
-from cablepod.condensed._kernels_rates import _add_held_drag
+from cablepod.condensed._kernels_rates import _add_held_drag, _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
 
 # --- forces -----------------------------------------------------------------------------------------------------------
@@ -253,6 +253,7 @@ def exact_verlet(
         if rate_terms is not None:
             if rate_terms.tension_damping > 0.0:
                 _subtract_tension_damping(exact, rate_terms.tension_damping, rates, work, f)
+            _subtract_modal_damping(rate_terms.modal_damping, rates, f)
             _add_held_drag(air, q, rates, 1.0 + tension[0] / exact.stiffness, True, number, step, f)
         if exact.inertia.size:
             _solve(mass, f)

@@ -9,8 +9,9 @@ from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_dense import _solve
 from cablepod.condensed._kernels_exact import _exact_work, _record_exact, exact_force
 from cablepod.condensed._kernels_layout import CHORD_TENSION, ExactTerms
+from cablepod.condensed._kernels_rates import _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
-from cablepod.condensed._kernels_step import _save_implicit, _update_rates
+from cablepod.condensed._kernels_step import _add_modal_tangent, _save_implicit, _update_rates
 
 
 @compiled(counted=False)
@@ -31,11 +32,26 @@ def _newton_system(q_start, state, rates, step, damping, has_inertia, f, tangent
 
 @compiled
 def exact_trapezoidal(
-    exact, sizes, terms, bounds, step, damping, boundary_data, state, stretch, begin, record, low, high, monitor
+    exact,
+    sizes,
+    terms,
+    bounds,
+    step,
+    damping,
+    modal_damping,
+    boundary_data,
+    state,
+    stretch,
+    begin,
+    record,
+    low,
+    high,
+    monitor,
 ):
     """Advance by the trapezoidal rule with the exact chordwise stretch; return the number of steps done.
 
-    The closure starts from the last stretch, ``stretch[0]``, and the last H.  Arguments and the returned value as in
+    The closure starts from the last stretch, ``stretch[0]``, and the last H.  `modal_damping` is that of
+    :class:`cablepod.condensed._kernels_layout.RateTerms`.  Other arguments and the returned value as in
     :func:`cablepod.condensed._kernels_exact.exact_verlet` and
     :func:`cablepod.condensed._kernels_implicit.trapezoidal`.
     """
@@ -77,6 +93,8 @@ def exact_trapezoidal(
                 rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
             guess = monitor[CHORD_TENSION]
             monitor[CHORD_TENSION] = exact_force(exact, row, q, rates, guess, accepted, work, f, tangent, mass)
+            _subtract_modal_damping(modal_damping, rates, f)
+            _add_modal_tangent(modal_damping, step, tangent)
             _newton_system(q_start, state, rates, step, damping, exact.inertia.size > 0, f, tangent, mass, change)
             if not _solve(tangent, change):
                 break

@@ -7,17 +7,19 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_dense import _solve
+from cablepod.condensed._kernels_rates import _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_step, _update_extremes
-from cablepod.condensed._kernels_step import _save_implicit, _update_rates
+from cablepod.condensed._kernels_step import _add_modal_tangent, _save_implicit, _update_rates
 from cablepod.condensed._kernels_terms import _fill_tangent, _forces
 
 
 @compiled
-def trapezoidal(sizes, terms, bounds, links, step, damping, rows, steps, state, begin, record, monitor):
+def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows, steps, state, begin, record, monitor):
     """Advance by the trapezoidal rule (average acceleration) with Newton's method, to leading order, one lane.
 
     On call `state` holds coordinates, rates and damped accelerations (3, r) of the first row of the boundary data, on return of
-    the last, which is the first of the next block.  Other arguments as in
+    the last, which is the first of the next block.  `modal_damping` is that of
+    :class:`cablepod.condensed._kernels_layout.RateTerms`.  Other arguments as in
     :func:`cablepod.condensed._kernels_explicit.numerov`.
 
     Returns
@@ -27,8 +29,9 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, rows, steps, state, 
     """
     q, v, acceleration = state[0], state[1], state[2]
     r, columns, saved = q.size, 1 + len(sizes.patterns) + len(sizes.normal_loads), 0
-    tangent, vectors, tension = np.empty((r, r)), np.empty((5, r)), np.empty(1)
+    tangent, vectors, tension = np.empty((r, r)), np.empty((6, r)), np.empty(1)
     f, change, q_start, known_terms, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    rates = vectors[5]
     for j in range(r):
         previous_acceleration[j] = acceleration[j]
     quarter, inertia_factor = 0.25 * step * step, 1.0 + 0.5 * step * damping
@@ -54,6 +57,10 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, rows, steps, state, 
         for _ in range(MAX_ITERATIONS):
             _forces(sizes, terms, rows, (i + 1) * columns, q, tension, f)
             _fill_tangent(terms, rows, (i + 1) * columns, q, tension[0], tangent)
+            for j in range(r):
+                rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
+            _subtract_modal_damping(modal_damping, rates, f)
+            _add_modal_tangent(modal_damping, step, tangent)
             for j in range(r):
                 change[j] = known_terms[j] - inertia_factor * q[j] + quarter * f[j]
                 for k in range(r):

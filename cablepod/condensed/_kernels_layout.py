@@ -80,6 +80,7 @@ class RateTerms(NamedTuple):
     """Damping beside that by mass."""
 
     tension_damping: float  #: damping by the tension [s]; 0 without
+    modal_damping: np.ndarray  #: damping matrix of ratios about rest (r r,) [1/s]; without entries: none
 
 
 class RunAir(NamedTuple):

@@ -17,6 +17,16 @@ def _add_rate_forces(sizes, terms, rate_terms, rows, at, tension, u, work, f):
         _geometric_forces(sizes, terms, rows, at, tension, u, work)
         for j in range(len(sizes.modes)):
             f[j] -= rate_terms.tension_damping * work[j]
+    _subtract_modal_damping(rate_terms.modal_damping, u, f)
+
+
+@compiled(fastmath=FUSED, counted=False)
+def _subtract_modal_damping(matrix, u, f):
+    """Subtract a damping matrix (r r,) times rates u from forces f (r,); nothing for a matrix without entries."""
+    r = u.size
+    for j in range(matrix.size // r):
+        for k in range(r):
+            f[j] -= matrix[j * r + k] * u[k]
 
 
 @compiled(forceinline=True, counted=False)

@@ -16,6 +16,15 @@ def _save_implicit(q, v, acceleration, step, record, saved):
 
 
 @compiled(counted=False)
+def _add_modal_tangent(modal_damping, step, tangent):
+    """Add the derivative of the damping by ratios by the coordinates after a step, 2 C / step, to the tangent (r, r)."""
+    r = tangent.shape[0]
+    for j in range(modal_damping.size // r):
+        for k in range(r):
+            tangent[j, k] += 2.0 / step * modal_damping[j * r + k]
+
+
+@compiled(counted=False)
 def _update_rates(q_start, q, v, acceleration, previous_acceleration, step):
     """Update rates and accelerations by the trapezoidal rule, from coordinates before and after a step."""
     for j in range(q.size):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,6 +15,7 @@ from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, Le
 from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.parameters._parameters import Parameters
 
 #: Relative tolerance of the equilibrium: last Newton correction over the initial deflection.
@@ -180,6 +181,23 @@ class CondensedModel(Coefficients):
         # an equilibrium further away than the deflection is that of the cable turned over
         converged = np.abs(change).max() <= EQUILIBRIUM_RTOL * scale and np.abs(q - first).max() <= scale
         return q if converged else None
+
+    @cached_property
+    def damping_matrix(self) -> np.ndarray:
+        """Damping matrix of the ratios of the scene, of vibrations about rest (r, r) [1/s]; without entries: none."""
+        if self.chain.p.damping_ratios is None:
+            return np.empty((0, 0))
+        _, stiffness, mass, _ = self._forces(self.rest, np.zeros_like(self.rest), self.static_boundary_data)
+        return modal_damping(
+            self.chain.p.damping_ratios, stiffness, mass if self.inertia.size else np.ones(len(stiffness))
+        )
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """Coordinates at rest in still air (r,), also where the run starts from another shape."""
+        p = self.chain.p
+        at_rest = replace(self, chain=replace(self.chain, p=replace(p, initial={}))) if p.initial else self
+        return at_rest.initial_state[0]
 
     @cached_property
     def terms(self) -> LeadingTerms:

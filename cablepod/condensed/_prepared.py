@@ -11,6 +11,7 @@ from cablepod.condensed._host import air_of_host, with_moving_end
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
+from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_step
@@ -121,6 +122,7 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error("ice.thickness", 0.5 * (p.diameter - p.bare.diameter), "0 m; try: condensed.simulate")
     if p.tension_damping is not None:
         raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")
+    refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")
     if p.initial:
         key = f"initial.{next(iter(p.initial))}"
         raise scene_error(key, "a start from another shape", "a start from equilibrium; try: condensed.simulate")

@@ -208,6 +208,7 @@ def same_structure(p: Parameters, other: Parameters) -> bool:
         and p.free_end == other.free_end
         and p.link_viscosity == other.link_viscosity
         and (p.tension_damping is None) == (other.tension_damping is None)
+        and (p.damping_ratios is None) == (other.damping_ratios is None)
         and list(p.motions) == list(other.motions)
         and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
     )

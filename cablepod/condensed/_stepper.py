@@ -95,6 +95,7 @@ class CondensedStepper:
         if not self.wants_extremes:
             chosen = chosen[:0]
         self.low, self.high = np.full(chosen.size, np.inf), np.full(chosen.size, -np.inf)
+        self.modal_damping = model.damping_matrix.reshape(-1)  #: flat, without entries where there is none
         #: Coordinates, rates and damped accelerations (3, r); an explicit run to leading order has a state of its own.
         self.state = self._initial_state()
         before = 3.0 * self.state[1] - 2.0 * run.start.rates  # the prediction at the start gives the rates there
@@ -126,19 +127,25 @@ class CondensedStepper:
     def _initial_state(self) -> np.ndarray:
         """Return coordinates, rates (velocity Verlet: half a step before the start) and damped accelerations (3, r)."""
         start, damping = self.run.start, self.run.model.chain.p.damping
-        rates = start.rates
+        rates, model, matrix = start.rates, self.run.model, self.run.model.damping_matrix
+        acceleration = start.acceleration
+        if matrix.size and rates.any():
+            damped = matrix @ rates
+            acceleration = acceleration - (
+                model.accelerations(damped, start.q, rates) if model.inertia.size else damped
+            )
         if self.run.explicit:
             growth = damped_growth(damping, self.step)
             impulse_back = 0.5 * self.step if not damping else growth / damping
-            rates = start.rates * (1.0 + growth) - impulse_back * start.acceleration
-        return np.stack([start.q, rates, start.acceleration - damping * start.rates])
+            rates = start.rates * (1.0 + growth) - impulse_back * acceleration
+        return np.stack([start.q, rates, acceleration - damping * start.rates])
 
     def _terms_of_rates(self) -> tuple[RateTerms | None, RunAir | None]:
         """Return damping beside that by mass, and air; None where there is neither."""
-        run, damping = self.run, self.run.model.chain.p.tension_damping
-        if damping is None and run.air is None:
+        run, damping, matrix = self.run, self.run.model.chain.p.tension_damping, self.modal_damping
+        if damping is None and run.air is None and not matrix.size:
             return None, None
-        terms, air = RateTerms(damping or 0.0), None
+        terms, air = RateTerms(damping or 0.0, matrix), None
         if run.air is not None:
             hold = run.air.hold(run.start.chord_tension, self.step) if run.leading else 1
             velocity, rate, drag, shapes = run.air.arguments
@@ -172,7 +179,7 @@ class CondensedStepper:
 
             damping = model.chain.p.damping
             return _kernels_implicit.trapezoidal(
-                *shared, self.step, damping, rows, steps, self.state, begin, record, self.monitor
+                *shared, self.step, damping, self.modal_damping, rows, steps, self.state, begin, record, self.monitor
             )
         from cablepod.condensed import _kernels_explicit as kernel
 
@@ -197,7 +204,9 @@ class CondensedStepper:
             return None
         from cablepod.condensed import _kernels_exact_implicit as kernel_implicit
 
-        return kernel_implicit.exact_trapezoidal(*shared, self.step, model.chain.p.damping, *outputs)
+        return kernel_implicit.exact_trapezoidal(
+            *shared, self.step, model.chain.p.damping, self.modal_damping, *outputs
+        )
 
     @property
     def _damped(self) -> Damped:

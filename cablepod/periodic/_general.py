@@ -1,8 +1,8 @@
-"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by the tension.
+"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by tension or ratios.
 
-The forces of order "exact" at all samples are evaluated together by array expressions.  Without damping by the tension,
-multipliers follow by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D depends on time and
-does not factor out, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the
+The forces of order "exact" at all samples are evaluated together by array expressions.  Without damping by tension or ratios,
+multipliers follow by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D does not factor out and
+may depend on time, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the
 determinant exp(-int tr D dt).
 """
 
@@ -34,7 +34,8 @@ class Forces(NamedTuple):
 
 def solver_of(model: PeriodicModel) -> Solver:
     """Return the solver of a model: the compiled one where it covers the forces."""
-    return GeneralSolver(model) if model.condensed.order != "leading" or model.tension_damping else Solver(model)
+    depends_on_rates = model.tension_damping or model.modal_damping.any()
+    return GeneralSolver(model) if model.condensed.order != "leading" or depends_on_rates else Solver(model)
 
 
 def rates_at(phases: int, harmonics: int) -> np.ndarray:
@@ -59,7 +60,11 @@ class GeneralSolver(Solver):
         q = basis_at(phases, state.harmonics) @ c
         rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
         evaluate = self._leading if self.model.condensed.order == "leading" else self._exact
-        return evaluate(q, rates, state.omega, state.periods)
+        forces, n = evaluate(q, rates, state.omega, state.periods), q.shape[1]
+        matrix = self.model.modal_damping[:n, :n]
+        if not matrix.any():
+            return forces
+        return forces._replace(force=forces.force - rates @ matrix.T, damping=np.tile(matrix, (phases, 1, 1)))
 
     def _leading(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "leading", with damping by the tension."""

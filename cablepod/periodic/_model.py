@@ -16,6 +16,7 @@ from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._terms import terms_of_lane
 from cablepod.condensed._vibration import RestTangent, vibrations
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
@@ -288,6 +289,25 @@ class PeriodicModel:
         return float(self.condensed.chain.p.tension_damping or 0.0) * self.scales[0]
 
     @cached_property
+    def modal_damping(self) -> np.ndarray:
+        """Damping matrix of the ratios of the scene without dimension (r, r); zero without them.
+
+        That of the condensed model; out of the plane of a planar scene the ratios count from its first vibration anew.
+        """
+        result, known = np.zeros((self.size, self.size)), self.condensed.damping_matrix / self.scales[0]
+        result[: len(known), : len(known)] = known
+        ratios, lateral = self.condensed.chain.p.damping_ratios, slice(len(known), None)
+        if ratios is not None and self.size > len(known):
+            stiffness = self.tangent_at_rest[lateral, lateral]
+            result[lateral, lateral] = modal_damping(ratios, stiffness, np.ones(len(stiffness))) / self.scales[0]
+        return result
+
+    @property
+    def any_damping(self) -> float:
+        """A number above 0 where the scene has damping."""
+        return self.damping + self.tension_damping + float(np.trace(self.modal_damping))
+
+    @cached_property
     def highest_frequency(self) -> float:
         """Highest frequency about rest, without dimension."""
         return float(np.sqrt(np.abs(np.linalg.eigvalsh(self.tangent_at_rest)).max())) / self.scales[0]
@@ -299,7 +319,9 @@ class PeriodicModel:
 
     @cached_property
     def slowest_decay(self) -> float:
-        """Rate at which the slowest disturbance about rest decays, without dimension; 0 without damping by the tension."""
+        """Rate at which the slowest disturbance about rest decays, without dimension; 0 with damping by mass only."""
+        if self.modal_damping.any():
+            return max(0.5 * float(np.linalg.eigvalsh(self.modal_damping)[0]), 0.0)
         if not self.tension_damping:
             return 0.0
         squared = np.maximum(np.linalg.eigvalsh(self.tangent_at_rest), 0.0) / self.scales[0] ** 2
@@ -326,8 +348,13 @@ class PeriodicModel:
                 f"of {duration / self.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
             )
         if duration * self.slowest_decay > MAX_DECAY:
+            kind = (
+                f"by the tension of {self.tension_damping / self.scales[0]:.3g} s"
+                if self.tension_damping
+                else "by ratios"
+            )
             raise RunStopped(
-                f"damping by the tension of {self.tension_damping / self.scales[0]:.3g} s leaves nothing of a disturbance after "
+                f"damping {kind} leaves nothing of a disturbance after "
                 f"a period of {duration / self.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
             )
 

@@ -15,6 +15,7 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.conventions import STILL_AIR
 from cablepod.discretisation._chain import LumpedChain, chain_of
+from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, user_stacklevel
 from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request
@@ -227,6 +228,7 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
         raise scene_error(
             "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"
         )
+    refuse_damping_ratios(p, "chain.simulate, or damping.mass_proportional")
     return chain_of(p, links, least=2 if p.free_end is None else 1)
 
 
