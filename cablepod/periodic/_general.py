@@ -73,7 +73,7 @@ class GeneralSolver(Solver):
         (phases, n), beta = q.shape, self.model.tension_damping
         force, rate, tangent, damping = (np.empty((phases, *shape)) for shape in ((n,), (n,), (n, n), (n, n)))
         forced = self.model.forced(n, phases, periods)
-        least = damped_samples(q, v, omega, forced, RateTerms(beta), force, rate, tangent, damping)
+        least = damped_samples(q, v, omega, forced, RateTerms(beta, np.empty(0)), force, rate, tangent, damping)
         return Forces(force, rate, tangent, damping if beta else None, least)
 
     def _exact(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
