@@ -51,7 +51,7 @@ MORE: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
 #: Tables of pipelines, which no function of the package makes, and a call that takes a minute.
 LEFT_OUT = ("plots.error_against_run_time", "plots.stability", "study.run")
 VARIANTS = {name: call for name, call in (CALLS | MORE).items() if name not in LEFT_OUT}
-SLOW = ("oblique.train", "ensemble.run")
+SLOW = ("ensemble.run",)
 #: Alterations of one variable, dimension or attribute, of which each is altered in turn.
 OF_EACH = (
     "units: km", "units: number", "values: nan", "kinds: text", "kinds: dates", "kinds: half", "kinds: complex",

@@ -19,7 +19,7 @@ CODE = (
 )
 FUNCTIONS = (
     "", "os.system", "__main__.main", "cli.main", "archive.write", "make_scene", "chain.simulate", "ensemble.run",
-    "pod.decompose",     "oblique.train", "changed by hand", "..chain", "chain..simulate", "chain", "provenance.record",
+    "pod.decompose", "changed by hand", "..chain", "chain..simulate", "chain", "provenance.record",
     "paper.report.write", "a" * 5000, "_jit.compiled", "chain.simulate.__globals__", "é.σ", "archive._atomic.atomic_file",
 )  # fmt: skip
 KEYS = (

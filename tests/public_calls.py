@@ -94,7 +94,6 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "mast.frequencies": (("mast",), {"count": 4}),
     "mast.rest": (("mast",), {}),
     "mast.simulate": (("mast",), {"step": 0.02, "outputs": ("guy_tension", "displacement")}),
-    "oblique.train": (("scene", "chain", "normal modes"), {"iterations": 1}),
     "periodic.backbone": (("scene", "normal modes"), {"amplitude": 0.1}),
     "periodic.frequency_response": (("scene", "normal modes"), {"frequency": (1.0, 2.0), "points": 10}),
     "periodic.orbit": (("scene", "normal modes"), {"rank": 2}),  # the third mode has a long way to its orbit in space

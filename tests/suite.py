@@ -18,7 +18,7 @@ SLOW_LIMIT = 1200.0
 PATIENCE = 5.0
 #: Folders in the order in which worker processes take them: first those that compile most kernels, in the end short ones.
 FOLDERS = (
-    "chain", "condensed", "cable", "galerkin", "rigid", "periodic", "wind", "mast", "oblique", "paper", "pipelines", "ensemble",
+    "chain", "condensed", "cable", "galerkin", "rigid", "periodic", "wind", "mast", "paper", "pipelines", "ensemble",
     "notebooks", "properties", "batch", "plots", "archive", "cli", "study", "package", "catenary",
 )  # fmt: skip
 #: Variable of the environment by which a process is known that a test started, also when its parent has ended.

@@ -1,9 +1,14 @@
-"""What public functions are given: kinds of Datasets, and the dimensions of variables."""
+"""What public functions are given: kinds of Datasets, and what their variables must be."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any, NamedTuple
+
+from cablepod.conventions import ATTRIBUTES, LABELS, UNITS, VARIABLES
+from cablepod.parameters._checks import point, points
+from cablepod.parameters._key_paths import key_of_variable
 
 Dims = tuple[str, ...]
 #: Numbers of each mode, and of each coordinate in layout "separate".
@@ -29,7 +34,6 @@ DIMS: dict[str, Dims] = {
         for name, dims in {
             "amplitude": ("time", "coordinate", "mode"),
             "mode_shape": ("mode", "particle", "coordinate"),
-            "test_function": ("mode", "particle"),
             "angular_frequency": ("mode",),
             **dict.fromkeys(TABLES_OF_MODES, ("coordinate", "mode")),
             "truncation_error": ("coordinate",),
@@ -40,6 +44,8 @@ DIMS: dict[str, Dims] = {
 SEPARATE: dict[str, Dims] = {"mode_shape": ("coordinate", "mode", "particle")}
 #: Variables that are checked and made floats also of large Datasets.
 PLACES = ("time", "arc_length", "link_arc_length")
+#: Attributes that all functions read.
+ALWAYS_READ = ("stage", "id", "history_json", "values_sha256")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,3 +114,64 @@ def drawn_kind(name: str, dims: Dims, allowed: str) -> Kind:
     needed = tuple(dim for dim in dims if dim not in ("time", "mode"))
     own = {"position": OWN_SNAPSHOTS, "mode_shape": OWN_MODES}.get(name, "")
     return Kind(allowed, ((name, needed),), further=None, is_small=False, own=own, some="coordinate" not in dims)
+
+
+# --- variables ------------------------------------------------------------------------------------------------------------
+
+
+class Rule(NamedTuple):
+    """What a variable of the package, or of a kind, must be."""
+
+    units: str | None
+    types: str  #: letters of numpy for the types of values that are legal, "" for any
+    is_number: bool  #: floats are made of its values
+    dims: Dims | None = None  #: in their order; None where no function that takes the kind reads them
+    must: frozenset[str] = frozenset()  #: dimensions that it must have
+    may: frozenset[str] | None = None  #: those that it may have, None for any
+    allowed_dims: Dims = ()  #: in messages
+
+
+@lru_cache(4096)
+def rule_of(kind: Kind, layout: str | None, name: Any) -> Rule | None:
+    """Return what a variable must be; None for those that are not of the package and the kind."""
+    if kind.is_scene:
+        key = key_of_variable(name) if isinstance(name, str) else None
+        if key is None:
+            return None
+        vector: dict[Any, Dims] = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
+        dims: Dims | None = vector.get(key.check, ())
+        units, is_number = key.units, key.units is not None and not key.is_whole
+    else:
+        units = VARIABLES.get(name, ATTRIBUTES.get(name, (UNITS.get(name),)))[0]
+        dims = SEPARATE.get(name) if layout == "separate" else None
+        dims = DIMS.get(name, dict(kind.needs).get(name)) if dims is None else dims
+        if units is None and dims is None:
+            return None
+        is_number = dims is not None and name not in LABELS
+    is_checked = kind is not ANY and (is_number or (not kind.is_scene and name not in LABELS))
+    types = "" if not is_checked else "fiu" if units is not None else "fiub"  # truth values have no units
+    if dims is None or not _matters(kind, name):
+        return Rule(units, types, is_number)
+    must, may = _dims_allowed(kind, layout, name, dims)
+    return Rule(units, types, is_number, dims, frozenset(must), None if may is None else frozenset(may), must or dims)
+
+
+def _matters(kind: Kind, name: str) -> bool:
+    """Tell whether functions that take this kind use a variable: all of scenes and modes, otherwise those that they need."""
+    if kind.is_scene or kind.layouts or name == "scene_feature":
+        return kind is not ANY
+    return name.removesuffix("_out_of_plane") in dict(kind.needs)
+
+
+def _dims_allowed(kind: Kind, layout: str | None, name: str, own: Dims) -> tuple[Dims, Dims | None]:
+    """Return the dimensions that a variable must have, and those that it may have (None for any)."""
+    needed = own if name == "scene_feature" else dict(kind.needs).get(name, ())
+    if kind.is_scene:
+        return own, (*own, "member", *((f"{name}_item", name.rpartition("_")[0] + "_sample") if not own else ()))
+    if not kind.layouts:
+        return needed, None if kind.further is None else (*own, *kind.further)
+    if name.startswith(("mode_shape", "test_function")) and layout != "separate":
+        own = own if layout == "vector" else ("mode", "particle")
+    elif name.startswith((*TABLES_OF_MODES, "truncation_error")) and layout != "separate":
+        own = tuple(dim for dim in own if dim != "coordinate")
+    return own, own

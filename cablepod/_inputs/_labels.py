@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from xarray.indexes import PandasIndex
 
-from cablepod.conventions import IN_ORDER, LABELS, is_in_order, is_rising, note_in_order
+from cablepod.conventions import LABELS, ORDERED, is_in_order, is_rising
 from cablepod.errors import scene_error
 
 RISING = "rising from the lower end"
@@ -16,25 +17,23 @@ RISING = "rising from the lower end"
 ROUNDING = 1e-6
 
 
-def label_orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
+def label_orders(key: str, variables: Any, indexes: Any, *, some: bool) -> dict[str, Any]:
     """Return the indices that bring labels into their order, by dimension; refuse labels that have none, and instants."""
     orders: dict[str, Any] = {}
-    for name, known in IN_ORDER.items():
-        if (variable := variables.get(name)) is None or not variable._dims:
+    for name in ORDERED:
+        if (variable := variables.get(name)) is None or not variable.dims:
             continue
-        if variable._dims != (name,):
-            raise scene_error(f"{key}: {name}", f"the dimensions {variable._dims}", f"labels over the dimension {name}")
-        index = variable._data.array if isinstance(variable, xr.IndexVariable) else None
-        if index is not None and id(index) in known:
-            continue
-        # an index of texts has the same methods, and takes ten times as long to become an array
-        labels = variable.values if index is None else np.asarray(index.values) if index.dtype.kind in "fiu" else index
+        if variable.dims != (name,):
+            raise scene_error(f"{key}: {name}", f"the dimensions {variable.dims}", f"labels over the dimension {name}")
+        index = indexes.get(name)
+        labels = index.to_pandas_index() if isinstance(index, PandasIndex) else variable.values
+        if labels.dtype.kind in "fiu":  # an index of texts has the methods of an array, and takes long to become one
+            labels = np.asarray(labels)
         if is_in_order(name, labels):
-            if index is not None:
-                note_in_order(name, index)
-        elif name == "time":
+            continue
+        if name == "time":
             raise scene_error(f"{key}: time", labels.tolist(), "finite, rising instants [s], each once")
-        elif (order := _label_order(key, name, labels.tolist(), some=some)) is not None:
+        if (order := _label_order(key, name, labels.tolist(), some=some)) is not None:
             orders[name] = order
     return orders
 
@@ -44,7 +43,7 @@ def place_orders(key: str, variables: Any) -> dict[str, Any]:
     orders: dict[str, Any] = {}
     for name, dim in (("arc_length", "particle"), ("link_arc_length", "link")):
         # of a link that was picked, the place is one number
-        if (variable := variables.get(name)) is not None and (dim == "particle" or variable._dims):
+        if (variable := variables.get(name)) is not None and (dim == "particle" or variable.dims):
             order = _place_order(key, name, dim, variable, variables.get("unstretched_length"))
             if order is not None:
                 orders[dim] = order
@@ -69,13 +68,12 @@ def _label_order(key: str, dim: str, labels: list[Any], *, some: bool) -> np.nda
 
 def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: xr.Variable | None) -> np.ndarray | None:
     """Return the indices that bring particles or links into the order of their arc length, None where they are in it."""
-    arc: np.ndarray = variable._data if type(variable._data) is np.ndarray else variable.values
-    if dim not in variable._dims or arc.dtype.kind not in "fiu":
-        raise scene_error(f"{key}: {name}", f"{variable._dims} of type {arc.dtype}", f"numbers over {dim} [m]")
+    arc = variable.values
+    if dim not in variable.dims or arc.dtype.kind not in "fiu":
+        raise scene_error(f"{key}: {name}", f"{variable.dims} of type {arc.dtype}", f"numbers over {dim} [m]")
     if arc.ndim > 1:
-        return _common_order(
-            np.moveaxis(arc, variable._dims.index(dim), -1).reshape(-1, arc.shape[variable._dims.index(dim)])
-        )
+        place = variable.dims.index(dim)
+        return _common_order(np.moveaxis(arc, place, -1).reshape(-1, arc.shape[place]))
     order, rises = None, is_rising(arc)
     if not rises:
         order = np.argsort(arc)
@@ -86,8 +84,8 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
         raise scene_error(f"{key}: {name}", variable.values.tolist(), f"those of the {dim}s, {RISING}, each once")
     if dim == "particle":
         end: Any = last
-        if length is not None and not length._dims and length.dtype.kind in "fiu":
-            end = float(length._data if type(length._data) is np.ndarray else length.values)
+        if length is not None and not length.dims and length.dtype.kind in "fiu":
+            end = float(length.values)
         if not (abs(first) <= ROUNDING * last and abs(last - end) <= ROUNDING * last):
             given = f"{first:g} ... {last:g} m of {end:g} m"
             raise scene_error(f"{key}: {name}", given, f"those of the {dim}s, {RISING}, 0, to the unstretched length")

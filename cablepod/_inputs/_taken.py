@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -11,21 +12,21 @@ import numpy as np
 import xarray as xr
 from xarray import Dataset
 
-from cablepod._inputs._kinds import ANY, DIMS, PLACES, SEPARATE, TABLES_OF_MODES, Dims, Kind
+from cablepod._inputs._kinds import ALWAYS_READ, ANY, PLACES, Dims, Kind, rule_of
 from cablepod._inputs._labels import label_orders, place_orders
-from cablepod._inputs._seen import ALWAYS_READ, FLOAT, is_like_one_in_order, note_in_order, read_by
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
-from cablepod.conventions import ATTRIBUTES, IN_ORDER, LABELS, UNITS, VARIABLES
+from cablepod.conventions import ATTRIBUTES, LABELS, ORDERED, is_in_memory
 from cablepod.errors import SceneError, scene_error, shown
-from cablepod.parameters._checks import LARGEST, point, points
-from cablepod.parameters._key_paths import key_of_variable
+from cablepod.parameters._checks import LARGEST
 from cablepod.provenance import is_history
 
+#: Compared with ``==``: a type that was unpickled, or has metadata, is another object.
+FLOAT = np.dtype(float)
 #: Types of a number; a tuple is tested ten times as fast as a union.
 REAL = (float, int, np.integer, np.floating)
 #: Attributes that are numbers, and those that are texts.
-NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error", "trained_rank", "trained_quadrature", "trained_second_order"}
-TEXTS = ("id", "values_sha256")
+NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error"}
+TEXTS = ("id",)
 #: Names of units in full, as pint writes them.
 UNITS_IN_FULL = {
     "meter": "m", "metre": "m", "second": "s", "newton": "N", "pascal": "Pa", "radian": "rad", "kilogram": "kg", "joule": "J",
@@ -59,33 +60,17 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
         name = type(given).__name__
         article = "an" if name[:1].lower() in "aeiou" else "a"
         raise SceneError(f"{key}: given {article} {name}; allowed: {kind.allowed}{_remedy(kind)}")
-    if kind is not ANY and is_like_one_in_order(key, given, kind):
-        return given
     if not kind.is_small:
         given = _loaded(given)
-    variables: dict[Any, Any] = read_by(kind, given._variables)
     layout = _layout(key, given, kind)
-    tidy = kind is ANY or given._coord_names.issuperset(filter(IN_ORDER.__contains__, variables))
-    for name, variable in variables.items():
-        data, attrs = variable._data, variable._attrs
-        units = attrs.get("units") if attrs else None
-        if units is not None and type(units) is not str:
-            units = shown(units)
-        verdict = _verdict(kind, layout, name, variable._dims, units, data.dtype)
-        if verdict is None:
-            continue
-        if verdict.__class__ is tuple:
-            raise SceneError(f"{key}: {name}: given {verdict[0]}; allowed: {verdict[1]}")
-        if verdict is not True or type(data) is not np.ndarray or (kind.is_scene and not data.flags.carray):
-            tidy = False
-        elif data.dtype == FLOAT and not math.isfinite(np.vdot(data, data)):
-            _check_finite(key, name, variable, kind)
+    variables = read_by(kind, given.variables)
+    in_order = [_is_in_order(key, name, variable, kind, layout) for name, variable in variables.items()]
     if kind is ANY:
-        return given if tidy else _tidied(key, given, kind, layout, {})
-    orders = label_orders(key, variables, some=kind.some) | place_orders(key, variables)
-    if not tidy or orders:
+        return given
+    orders = label_orders(key, variables, given.xindexes, some=kind.some) | place_orders(key, variables)
+    coords = given.coords
+    if orders or not all(in_order) or not all(name in coords for name in ORDERED if name in variables):
         return _tidied(key, given, kind, layout, orders)
-    note_in_order(given, kind)
     return given
 
 
@@ -105,9 +90,9 @@ def floats(array: Any) -> np.ndarray:
 
 def _loaded(given: xr.Dataset) -> xr.Dataset:
     """Return a Dataset whose lazy variables without instants, such as the places of particles, are in memory."""
-    variables: dict[Any, xr.Variable] = given._variables
-    lazy = {name for name, variable in variables.items() if not variable._in_memory}
-    small = [name for name in lazy - set(given._indexes) if "time" not in variables[name].dims]
+    variables, indexes = given.variables, given.xindexes
+    lazy = [name for name, variable in variables.items() if not is_in_memory(variable)]
+    small = [name for name in lazy if name not in indexes and "time" not in variables[name].dims]
     if not small:
         return given
     with defer_sigint(), defer_sigint_during_dask(given):  # dask and the files of xarray hold locks meanwhile
@@ -123,8 +108,8 @@ def _loaded(given: xr.Dataset) -> xr.Dataset:
 def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
     """Return the layout of modes; refuse other stages and layouts, and a Dataset that lacks variables."""
     stage = given.attrs.get("stage")
-    missing = [name for name, _ in kind.needs if name not in given._variables]
-    if missing and kind.instead and kind.instead[0] in given._variables:
+    missing = [name for name, _ in kind.needs if name not in given.variables]
+    if missing and kind.instead and kind.instead[0] in given.variables:
         raise SceneError(kind.instead[1])
     if missing:
         of_stage = "" if stage is None else f" of stage {shown(stage)}"
@@ -166,66 +151,46 @@ def _check_attributes(key: str, attrs: dict[Any, Any], kind: Kind) -> None:
             raise scene_error(f"{key}: {name}", value, "a text as the package writes it, or none")
 
 
-@lru_cache(4096)
-def _verdict(kind: Kind, layout: str | None, name: str, dims: Dims, units: str | None, dtype: np.dtype) -> Any:
-    """Tell of a variable whether it is as in the package; None if it does not matter, (given, allowed) if it is not legal."""
-    found = _known(kind, layout, name)
-    if found is None:
-        return None
-    own_units, own_dims, is_number = found
-    if units is not None and own_units is not None and units != own_units and powers(units) != powers(own_units):
-        return f"units {units!r}", f"{own_units}, the units of the package"
-    is_checked = kind is not ANY and (is_number or (not kind.is_scene and name not in LABELS))
-    legal = "fiu" if own_units is not None else "fiub"  # truth values have no units
-    if is_checked and (dtype.kind not in legal or (dtype.kind == "f" and dtype.itemsize < 4)):
-        return f"values of type {dtype}", "finite numbers of at least single precision"
-    if own_dims is None or not _matters(kind, name):
-        return None
-    must, may = _dims_allowed(kind, layout, name, own_dims)
-    if not set(must) <= set(dims) or (may is not None and not set(dims) <= set(may)):
-        return f"the dimensions {dims}", f"{must or own_dims}, {kind.allowed}"
+def read_by(kind: Kind, variables: Mapping[Any, xr.Variable]) -> dict[Any, xr.Variable]:
+    """Return the variables that functions of a kind read."""
+    names = variables if kind.reads is None else filter(variables.__contains__, kind.reads)
+    return {name: variables[name] for name in names}
+
+
+def _is_in_order(key: str, name: Any, variable: xr.Variable, kind: Kind, layout: str | None) -> bool:
+    """Tell whether a variable is as in the package, or need not be; refuse one that is not legal."""
+    rule = rule_of(kind, layout, name)
+    if rule is None:
+        return True
+    dims, dtype, units = variable.dims, variable.dtype, variable.attrs.get("units")
+    if units is not None and type(units) is not str:
+        units = shown(units)
+    if units is not None and rule.units is not None and units != rule.units and powers(units) != powers(rule.units):
+        raise SceneError(f"{key}: {name}: given units {units!r}; allowed: {rule.units}, the units of the package")
+    if rule.types and (dtype.kind not in rule.types or (dtype.kind == "f" and dtype.itemsize < 4)):
+        allowed = "finite numbers of at least single precision"
+        raise SceneError(f"{key}: {name}: given values of type {dtype}; allowed: {allowed}")
+    if rule.dims is None:
+        return True
+    if not rule.must.issubset(dims) or (rule.may is not None and not rule.may.issuperset(dims)):
+        raise SceneError(f"{key}: {name}: given the dimensions {dims}; allowed: {rule.allowed_dims}, {kind.allowed}")
     if name in PLACES:
-        return None if dtype == FLOAT else False
+        return dtype == FLOAT
     if name in LABELS or not kind.is_small:
-        return None
-    order = (*(dim for dim in dims if dim not in own_dims), *(dim for dim in own_dims if dim in dims))
-    return order == dims and (not is_number or dtype == FLOAT)
+        return True
+    if dims != ordered(dims, rule.dims) or (rule.is_number and dtype != FLOAT) or not is_in_memory(variable):
+        return False
+    values = variable.data
+    if type(values) is not np.ndarray or (kind.is_scene and not values.flags.carray):
+        return False
+    if dtype == FLOAT and not math.isfinite(np.vdot(values, values)):
+        _check_finite(key, name, variable, kind)
+    return True
 
 
-@lru_cache(4096)
-def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims | None, bool] | None:
-    """Return units, dimensions and whether it holds numbers of a variable of the package or of this kind; None for others."""
-    if kind.is_scene:
-        key = key_of_variable(name) if isinstance(name, str) else None
-        if key is None:
-            return None
-        vector: dict[Any, Dims] = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
-        return key.units, vector.get(key.check, ()), key.units is not None and not key.is_whole
-    units = VARIABLES.get(name, ATTRIBUTES.get(name, (UNITS.get(name),)))[0]
-    dims = SEPARATE.get(name) if layout == "separate" else None
-    dims = DIMS.get(name, dict(kind.needs).get(name)) if dims is None else dims
-    return None if units is None and dims is None else (units, dims, dims is not None and name not in LABELS)
-
-
-def _matters(kind: Kind, name: str) -> bool:
-    """Tell whether functions that take this kind use a variable: all of scenes and modes, otherwise those that they need."""
-    if kind.is_scene or kind.layouts or name == "scene_feature":
-        return kind is not ANY
-    return name.removesuffix("_out_of_plane") in dict(kind.needs)
-
-
-def _dims_allowed(kind: Kind, layout: str | None, name: str, own: Dims) -> tuple[Dims, Dims | None]:
-    """Return the dimensions that a variable must have, and those that it may have (None for any)."""
-    needed = own if name == "scene_feature" else dict(kind.needs).get(name, ())
-    if kind.is_scene:
-        return own, (*own, "member", *((f"{name}_item", name.rpartition("_")[0] + "_sample") if not own else ()))
-    if not kind.layouts:
-        return needed, None if kind.further is None else (*own, *kind.further)
-    if name.startswith(("mode_shape", "test_function")) and layout != "separate":
-        own = own if layout == "vector" else ("mode", "particle")
-    elif name.startswith((*TABLES_OF_MODES, "truncation_error")) and layout != "separate":
-        own = tuple(dim for dim in own if dim != "coordinate")
-    return own, own
+def ordered(dims: tuple[Any, ...], own: Dims) -> tuple[Any, ...]:
+    """Return dimensions in the order of the package, others first."""
+    return dims if dims == own else (*(dim for dim in dims if dim not in own), *(dim for dim in own if dim in dims))
 
 
 @lru_cache(256)
@@ -266,10 +231,10 @@ def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> Non
 def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders: dict[str, Any]) -> xr.Dataset:
     """Return a copy with labels, particles, dimensions and arrays as in the package."""
     result = given.isel(orders) if orders else given.copy()
-    of_dims = [name for name in result._dims if name in result._variables]
+    of_dims = [name for name in result.sizes if name in result.variables]
     result = result.set_coords(of_dims)  # xarray merges no labels that are plain variables
     variables: dict[Any, xr.Variable] = {}
-    for name, variable in read_by(kind, result._variables).items():
+    for name, variable in read_by(kind, result.variables).items():
         own = LABELS.get(name)
         if name in LABELS and variable.dims == (name,):
             if own is not None and variable.dtype.kind == "O":
@@ -278,15 +243,12 @@ def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders:
         if name in PLACES:
             variables[name] = xr.Variable(variable.dims, floats(variable.values), variable.attrs)
             continue
-        known = _known(kind, layout, str(name)) if kind.is_small and _matters(kind, str(name)) else None
-        if known is None or known[1] is None:
+        rule = rule_of(kind, layout, name) if kind.is_small else None
+        if rule is None or rule.dims is None:
             continue
-        order = (
-            *(dim for dim in variable.dims if dim not in known[1]),
-            *(dim for dim in known[1] if dim in variable.dims),
-        )
+        order = ordered(variable.dims, rule.dims)
         values = variable.transpose(*order).values
-        if known[2]:
+        if rule.is_number:
             values = floats(values)
             if not math.isfinite(np.vdot(values, values)):
                 _check_finite(key, str(name), xr.Variable(order, values), kind)

@@ -35,8 +35,6 @@ ROOT = {
 }
 #: Content hash of a Dataset without variables.
 EMPTY = content_hash(xr.Dataset())
-#: Content of a stage of an earlier version whose result was changed.
-UNKNOWN: dict[str, Any] = {"hash": "unknown", "attributes": "unknown", "variables": {}}
 #: Id of a stage -> program and time of its first file in this process, so that all its files tell one time.
 _STAMPS: dict[str, dict[str, str]] = {}
 #: Default summary, with the function of the last stage.
@@ -57,32 +55,17 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     return stamped
 
 
-def with_own_id(
-    dataset: xr.Dataset, digest: str | None = None, contents: dict[str, provenance.VariableContent] | None = None
-) -> xr.Dataset:
+def with_own_id(dataset: xr.Dataset, contents: dict[str, provenance.VariableContent] | None = None) -> xr.Dataset:
     """Return a dataset that differs from what its last stage made, in values or attributes, with a stage and id of its own.
 
-    Others are returned unchanged.  `digest` is the content hash and `contents` are the contents of the variables, computed if
-    None.  Of datasets of earlier versions, those that were in a file have the hashes of their values and attributes.
+    Others are returned unchanged.  `contents` are the contents of the variables, computed if None.
     """
-    stages = checked_stages(dataset)
-    if "id" not in dataset.attrs or not stages:
+    if "id" not in dataset.attrs or not checked_stages(dataset):
         return dataset
-    last = stage_of(stages, str(dataset.attrs["id"]))
-    if "content" not in last and last.get("sha256", EMPTY) != EMPTY:
-        is_same = last["sha256"] == (digest or content_hash(dataset))
-        attributes = last.get("attributes_sha256")
-        if is_same and attributes in (None, provenance.attributes_hash(dataset)):
-            return dataset
-        stages[stages.index(last)] = last | {"content": UNKNOWN}
-        dataset = dataset.assign_attrs(history_json=json.dumps(stages, sort_keys=True))
     found = provenance.input_of(dataset, contents=contents)
     if found.id == str(dataset.attrs["id"]):
         return dataset
-    attrs = {"id": found.id, "history_json": found.history}
-    if "values_sha256" in dataset.attrs:
-        attrs["values_sha256"] = provenance.digest(dataset)
-    return dataset.assign_attrs(attrs)
+    return dataset.assign_attrs(id=found.id, history_json=found.history)
 
 
 def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = None) -> dict[str, Any]:
@@ -94,7 +77,7 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
     """
     contents: dict[str, provenance.VariableContent] = {}
     digest = content_hash(dataset, sums, contents)
-    dataset = with_own_id(dataset, digest, contents)
+    dataset = with_own_id(dataset, contents)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])
     stages = checked_stages(dataset) or [
@@ -119,8 +102,6 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
     for name in ("time_coverage_duration", "time_coverage_resolution"):
         attrs.pop(name, None)  # possibly inherited from an input with other times
     attrs.update(_time_coverage(dataset))
-    if digest != EMPTY:
-        last["attributes_sha256"] = provenance.attributes_hash(dataset, attrs)
     attrs.update(Conventions="CF-1.11, ACDD-1.3", history=_history(str(attrs.get("history", "")), stages))
     attrs.update(history_json=json.dumps(stages, sort_keys=True), cablepod_schema=SCHEMA)
     return attrs

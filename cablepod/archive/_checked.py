@@ -41,7 +41,7 @@ def changed(path: Path, names: list[str]) -> ArchiveError:
 def check_bytes(path: Path, *, whole: bool) -> bool:
     """Tell whether all bytes of a file are as written; False if that is not known.
 
-    Unknown is a file that was edited, is of an earlier or later version, and without `whole` one larger than :data:`WHOLE`.
+    Unknown is a file that was edited, is of a later version, and without `whole` one larger than :data:`WHOLE`.
 
     Raises
     ------
@@ -56,17 +56,10 @@ def check_bytes(path: Path, *, whole: bool) -> bool:
     return True
 
 
-def has_checksums(path: Path, names: Container[Any]) -> bool:
-    """Tell whether a file with global attributes of these names has checksums; those of earlier versions have none, and no seal.
-
-    Raises
-    ------
-    ArchiveError
-        If it has lost them: a sealed file has them.
-    """
-    if CHECKSUMS not in names and seal_of(path) is not None:
+def check_has_checksums(path: Path, names: Container[Any]) -> None:
+    """Refuse a file with global attributes of these names that has lost its checksums."""
+    if CHECKSUMS not in names:
         raise changed(path, [f"attribute {CHECKSUMS}"])
-    return CHECKSUMS in names
 
 
 class CheckedFile(BackendEntrypoint):
@@ -77,11 +70,10 @@ class CheckedFile(BackendEntrypoint):
         path = Path(filename_or_obj)
         opened = NetCDF4BackendEntrypoint().open_dataset(path, decode_times=False, decode_timedelta=False)
         schema = opened.attrs.get("cablepod_schema")
-        if isinstance(schema, np.integer) and schema > SCHEMA:
-            return opened  # of a later version
+        if not isinstance(schema, np.integer) or schema > SCHEMA:
+            return opened  # of another program or a later version, which is refused
         try:
-            if not has_checksums(path, opened.attrs):
-                return opened
+            check_has_checksums(path, opened.attrs)
             checksums = Checksums(opened.attrs[CHECKSUMS])
             names = checksums.changed_heads(opened)
             for name, index in opened.variables.items():
@@ -134,15 +126,14 @@ def _checked_variable(path: Path, name: str, variable: xr.Variable, checksums: C
 
 
 def blocks_of(path: Path, file: Any, name: str) -> Blocks | None:
-    """Return the checksums of a variable of an opened netCDF4.Dataset; None without checksums, or if it never had it.
+    """Return the checksums of a variable of an opened netCDF4.Dataset; None if it never had it.
 
     Raises
     ------
     ArchiveError
-        If the file has lost the variable.
+        If the file has lost the variable, or its checksums.
     """
-    if not has_checksums(path, file.ncattrs()):
-        return None
+    check_has_checksums(path, file.ncattrs())
     status = path.stat()
     checksums = _parsed(path, file.getncattr(CHECKSUMS), status.st_ino, status.st_mtime_ns)
     if name not in file.variables:

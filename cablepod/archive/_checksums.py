@@ -2,7 +2,7 @@
 
 They stand as JSON in the attribute :data:`CHECKSUMS` of the file: one for each global attribute; for each variable one of its
 dimensions, type and attributes, and one for each block of its values, so that a part of it can be checked when it is read.
-Blocks are folded (:mod:`cablepod.archive._folded`), but in files of schema 1.
+Blocks are folded (:mod:`cablepod.archive._folded`).
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def as_text(stamped: xr.Dataset, sums: Mapping[str, BlockSums]) -> str:
         }
         for name, variable in stamped.variables.items()
     }
-    tables = {"variables": variables, "attributes": _of_attributes(stamped.attrs), "folded": True}
+    tables = {"variables": variables, "attributes": _of_attributes(stamped.attrs)}
     return json.dumps(tables, sort_keys=True)
 
 
@@ -100,9 +100,8 @@ class Checksums:
         try:
             tables = json.loads(text)
             self._variables, self._attributes = dict(tables["variables"]), dict(tables["attributes"])
-            self._is_folded = "folded" in tables
         except (ValueError, TypeError, KeyError, RecursionError):
-            self._variables, self._attributes, self._is_folded = {}, {}, False
+            self._variables, self._attributes = {}, {}
         self._blocks: dict[tuple[str, tuple[int, ...]], Blocks] = {}
 
     def changed_heads(self, dataset: xr.Dataset) -> list[str]:
@@ -130,8 +129,7 @@ class Checksums:
             or not all(isinstance(n, int) and n > 0 for n in block)
         ):
             block = [max(size, 1) for size in shape]
-        crc = folded_crc if self._is_folded else zlib.crc32
-        found = Blocks(tuple(shape), tuple(block), self._digits(name)[DIGITS:], crc)
+        found = Blocks(tuple(shape), tuple(block), self._digits(name)[DIGITS:])
         return self._blocks.setdefault((name, tuple(shape)), found)
 
     def __contains__(self, name: str) -> bool:
@@ -147,10 +145,8 @@ class Checksums:
 class Blocks:
     """Checksums of the blocks of one variable; blocks that were found unchanged are not compared again."""
 
-    def __init__(
-        self, shape: tuple[int, ...], block: tuple[int, ...], digits: str, crc: Callable[[Any], int] = folded_crc
-    ) -> None:
-        self.shape, self.block, self.digits, self._crc = shape, block, digits, crc
+    def __init__(self, shape: tuple[int, ...], block: tuple[int, ...], digits: str) -> None:
+        self.shape, self.block, self.digits = shape, block, digits
         self.counts = _counts(shape, block)
         self._unchanged: set[tuple[int, ...]] = set()
 
@@ -184,7 +180,7 @@ class Blocks:
         number = 0
         for place, count in zip(index, self.counts, strict=True):
             number = number * count + place
-        return self.digits[DIGITS * number : DIGITS * (number + 1)] == _hex(self._crc(_bytes(values)))
+        return self.digits[DIGITS * number : DIGITS * (number + 1)] == _hex(folded_crc(_bytes(values)))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_unchanged": set()}

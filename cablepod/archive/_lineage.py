@@ -19,7 +19,6 @@ from cablepod.errors import printable
 NAMES = {
     "make_scene": "scene",
     provenance.CHANGED: "changed",
-    provenance.CHANGED_BEFORE: "changed",
     provenance.MADE: "given",
     "pod.decompose": "modes",
     "ensemble.design": "scenes",
@@ -28,13 +27,8 @@ NAMES = {
 }
 #: Sub-packages and modules whose functions a script may call; "" is the package itself.
 REPEATED = (
-    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "oblique", "paper", "pod", "rigid",
-    "wind",
+    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "paper", "pod", "rigid", "wind",
 )  # fmt: skip
-#: Functions of stages that stand for a change.
-CHANGES = (provenance.CHANGED, provenance.CHANGED_BEFORE)
-#: Module of a stage in older histories -> its present name.
-MOVED = {"paper.statics": "paper.table1", "paper.starts": "paper.initial_shape"}
 
 
 def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
@@ -125,18 +119,15 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
     inputs = [names[parent] for parent in stage["inputs"]]
     if function == "pod.decompose" and len(inputs) > 1:  # several trajectories are one argument
         inputs = [f"[{', '.join(inputs)}]"]
-    if function == "oblique.train":  # scenes, as many trajectories, modes
-        half = len(inputs) // 2
-        inputs = [f"[{', '.join(inputs[:half])}]", f"[{', '.join(inputs[half:-1])}]", inputs[-1]]
     if function.endswith(".simulate"):
         inputs = [f"wind={name}" if name.rstrip("_0123456789") == NAMES["wind.field"] else name for name in inputs]
     if function == "ensemble.run":
         return [*_ensemble(name, inputs, parameters), _check(stage, name), ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
-    elif function in CHANGES:
-        lacks = f", lacks={_text(parameters.get('lacks', []))}" if "differs" in parameters else ""
-        call = f"cablepod.lineage.changed({inputs[0]}, values={_text(parameters.get('values', {}))}{lacks})"
+    elif function == provenance.CHANGED:
+        values, lacks = _text(parameters.get("values", {})), _text(parameters.get("lacks", []))
+        call = f"cablepod.lineage.changed({inputs[0]}, values={values}, lacks={lacks})"
     else:
         chosen = set(stage.get("chosen", ()))
         options = [
@@ -144,9 +135,9 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
             for key, value in parameters.items()
             if key in _options(function) and key not in chosen
         ]
-        call = f"cp.{_present_name(function)}({', '.join([*inputs, *options])})"
+        call = f"cp.{function}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
-    if function not in CHANGES:  # the id of a changed dataset appears only in later stages
+    if function != provenance.CHANGED:  # the id of a changed dataset appears only in later stages
         lines.append(_check(stage, name))
     return [*lines, ""]
 
@@ -159,12 +150,10 @@ def _obstacle(stage: Mapping[str, Any], names: Mapping[str, str]) -> str:
         return "the history lacks " + ", ".join(missing)
     if function == provenance.MADE:
         return f"it was made outside the package: {_extent(parameters)}"
-    if function in CHANGES:
-        is_cut = not parameters.get("differs", True) and "attributes" not in parameters
+    if function == provenance.CHANGED:
+        is_cut = not parameters["differs"] and "attributes" not in parameters
         if "values" in parameters or is_cut:
             return ""
-        if "differs" not in parameters:  # of an earlier version
-            return "only a digest is kept of values"
         what = [*parameters["differs"], *(["attributes"] if "attributes" in parameters else [])]
         return f"values were changed outside the package: {', '.join(map(str, what))}; {_extent(parameters)}"
     digested = list(_digests(parameters))
@@ -186,10 +175,8 @@ def _extent(parameters: Mapping[str, Any]) -> str:
 def _check(stage: Mapping[str, Any], name: str) -> str:
     """Return the statement that compares a result with the record of its stage."""
     of_files = stage["function"] == "ensemble.run" and "number" not in stage["parameters"]
-    if of_files or ("content" not in stage and "input_hashes" in stage):
+    if of_files or "content" not in stage:
         return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{}})"
-    if "content" not in stage:
-        return f"cablepod.lineage.check({name}, {_quoted(stage['id'])})"
     values = ",\n".join(f"    {key!r}: {entry!r}" for key, entry in stage["content"]["variables"].items())
     return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{\n{values}\n}})"
 
@@ -214,18 +201,11 @@ def _ensemble(name: str, inputs: list[str], parameters: Mapping[str, Any]) -> It
         yield f'{name} = cp.archive.read("{folder}/batch_{int(parameters["number"]):04d}.nc")'
 
 
-def _present_name(function: str) -> str:
-    """Return the name that the function of a stage has now; histories keep the names of their time."""
-    module, point, name = function.rpartition(".")
-    return f"{MOVED.get(module, module)}{point}{name}"
-
-
 def _callable(function: str) -> Any:
     """Return a public function by its name in a history, None if there is none."""
-    present = _present_name(function)
-    module, _, name = present.rpartition(".")
+    module, _, name = function.rpartition(".")
     package = module.split(".")[0]
-    if package not in REPEATED or not all(part.isidentifier() and part[:1] != "_" for part in present.split(".")):
+    if package not in REPEATED or not all(part.isidentifier() and part[:1] != "_" for part in function.split(".")):
         return None
     try:
         found = getattr(importlib.import_module(f"cablepod.{module}" if module else "cablepod"), name, None)

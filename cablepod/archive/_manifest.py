@@ -22,9 +22,6 @@ from cablepod.errors import ArchiveError, printable
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
 KIND = "cablepod ensemble"
-#: Keys of a manifest without checksum, as written by earlier versions.
-KEYS = {"kind", "schema", "version", "id", "model", "modes", "members", "batch", "options", "scenes", "varied"}
-KEYS |= {"attributes", "inputs_history", "files", "done"}
 #: Attributes specific to one batch; other text attributes, if equal in all batches, become attributes of the ensemble.
 BATCH_ATTRIBUTES = ("id", "history", "history_json", "title", "date_created", "source", "summary")
 #: Key of an entry -> variables of members and places, factor and units of the largest value as printed.
@@ -63,8 +60,7 @@ def read_manifest(folder: Path, *, verify: bool = True) -> dict[str, Any]:
         raise ArchiveError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ArchiveError(f"{path}: is damaged ({error}); take it from a backup, or run the ensemble again") from error
-    as_written = text == manifest_text(manifest) if "crc32" in manifest else manifest.keys() <= KEYS
-    if verify and not as_written:
+    if verify and text != manifest_text(manifest):
         raise changed(path, ["its text"])
     manifest.pop("crc32", None)
     if manifest["schema"] > SCHEMA:
@@ -212,7 +208,7 @@ def merged_time_errors(entries: Iterable[Mapping[str, Any]]) -> dict[str, list[f
     """Return the time errors of all batches that are not accepted, see :func:`time_errors`; None if a batch has no estimates."""
     merged: dict[str, list[float]] = {}
     for entry in entries:
-        if entry.get("not_converged") is None:
+        if entry["not_converged"] is None:
             return None
         merged |= entry["not_converged"]
     return merged
@@ -300,8 +296,8 @@ def _description(folder: Path, brief: bool, *, verify: bool) -> Iterator[str]:
 
 def _convergence(manifest: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines on members that have not converged in time, the worst first."""
-    if not manifest["done"] or not all("not_converged" in entry for entry in manifest["done"].values()):
-        return  # of an earlier version
+    if not manifest["done"]:
+        return
     errors = merged_time_errors(manifest["done"].values())
     if errors is None:
         why = (

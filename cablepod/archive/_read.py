@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import os
 import threading
 from collections.abc import Hashable, Iterator
@@ -17,9 +16,8 @@ import xarray as xr
 
 from cablepod import conventions, provenance
 from cablepod._resources import defer_sigint
-from cablepod.archive._checked import CheckedFile, changed, check_bytes
+from cablepod.archive._checked import CheckedFile, check_bytes
 from cablepod.archive._checksums import CHECKSUMS
-from cablepod.archive._content_hash import content_hash
 from cablepod.archive._folder import path_of
 from cablepod.archive._seal import SCHEMA
 from cablepod.errors import ArchiveError
@@ -179,29 +177,6 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None, verify: bool = Tru
         return lazy
     with netcdf_lock(), open_file(path, None, verify=verify, whole=True) as opened:
         try:
-            has_checksums = CHECKSUMS in opened.attrs
-            dataset = restored(opened.load())
+            return restored(opened.load())
         except READ_ERRORS as error:
             raise damaged(path, error) from error
-    return _with_content(path, dataset, refused=verify and not has_checksums)
-
-
-def _with_content(path: Path, dataset: xr.Dataset, *, refused: bool) -> xr.Dataset:
-    """Return a dataset of an earlier version with the content of its last stage, which later changes are compared with.
-
-    Others are returned unchanged, as is one that differs from what was written, or with `refused` is refused for its values.
-    """
-    try:
-        stages = provenance.stages_of(dataset)
-        last = next((stage for stage in stages if stage["id"] == dataset.attrs.get("id")), {})
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):  # a history of another program
-        return dataset
-    if "sha256" not in last or ("content" in last and not refused):
-        return dataset
-    is_same = last["sha256"] == content_hash(dataset)
-    if refused and not is_same:
-        raise changed(path, ["its values"])
-    if not is_same or last.get("attributes_sha256") not in (None, provenance.attributes_hash(dataset)):
-        return dataset
-    last.setdefault("content", provenance.content_of(dataset))
-    return dataset.assign_attrs(history_json=provenance.Abridged(json.dumps(stages, sort_keys=True)))

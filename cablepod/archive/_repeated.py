@@ -16,14 +16,14 @@ from cablepod.errors import SceneError, user_stacklevel
 #: Largest difference of a value that counts as rounding, as a fraction of the largest absolute value of variables of its unit.
 ROUNDING = 1e-9
 #: Beginnings of the names of variables whose rounding grows as singular values come close.
-OF_MODES = ("mode_shape", "mode_uncertainty", "test_function")
+OF_MODES = ("mode_shape", "mode_uncertainty")
 
 
 class RepeatedWarning(UserWarning):
-    """A result made again differs from its record within rounding, or in ways that the record cannot tell."""
+    """A result made again differs from its record within rounding, or in its id alone."""
 
 
-def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | None = None) -> None:
+def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any]) -> None:
     """Compare a reproduced dataset with the record of its stage.
 
     Parameters
@@ -34,7 +34,7 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | N
         Id of the original.
     values
         Name of a variable -> hash, shape and, of real numbers, largest absolute value and weighted sum, as recorded.  Empty for
-        a record without values, as of an ensemble, of which the id is compared; None for one of an earlier version.
+        a record without values, as of an ensemble, of which the id is compared.
 
     Raises
     ------
@@ -46,19 +46,12 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | N
     Warns
     -----
     RepeatedWarning
-        If values differ within that, if only the id differs, and where the record has nothing to compare.
+        If values differ within that, and if only the id differs.
     """
     found = str(dataset.attrs.get("id"))
     if not values:
-        if found != identifier and values is not None:
-            _refuse(dataset, identifier, f"the id is {found}")
         if found != identifier:
-            warnings.warn(
-                f"{_name(dataset)}, {identifier}: recorded by an earlier version, which kept no values: not compared; try: its "
-                "file",
-                RepeatedWarning,
-                stacklevel=user_stacklevel(),
-            )
+            _refuse(dataset, identifier, f"the id is {found}")
         return
     lacking = sorted({*values} ^ {*map(str, dataset.variables)})
     if lacking:
@@ -148,7 +141,7 @@ def _refuse(dataset: xr.Dataset, identifier: str, what: str) -> NoReturn:
     )
 
 
-def changed(scene: xr.Dataset, *, values: Mapping[str, Any], lacks: list[str] | None = None) -> xr.Dataset:
+def changed(scene: xr.Dataset, *, values: Mapping[str, Any], lacks: list[str]) -> xr.Dataset:
     """Apply a change recorded in a history.
 
     Parameters
@@ -158,7 +151,7 @@ def changed(scene: xr.Dataset, *, values: Mapping[str, Any], lacks: list[str] | 
     values
         Name of a variable -> its value, or its dimensions, values and attributes.
     lacks
-        Names of the variables that were left out; None in scripts of earlier versions, whose `values` have all short variables.
+        Names of the variables that were left out.
 
     Returns
     -------
@@ -173,9 +166,4 @@ def changed(scene: xr.Dataset, *, values: Mapping[str, Any], lacks: list[str] | 
             variables[name] = (tuple(dims), np.asarray(numbers, dtype=kind), attrs)
         else:
             variables[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
-    if lacks is None:
-        lacks = [
-            str(name) for name in scene.variables
-            if name not in variables and scene[name].size <= provenance.MAX_HISTORY_ITEMS
-        ]  # fmt: skip
     return scene.drop_vars([*lacks, *(name for name in variables if name in scene.variables)]).assign(variables)

@@ -14,8 +14,7 @@ from typing import BinaryIO, NamedTuple
 
 from cablepod.archive._folded import PIECE, FoldedCrc
 
-#: Version of the file layout, raised when an older package would misread new files; from 2 on the bytes of a CRC-32 are folded,
-#: from 3 on stages have the hash of their content.
+#: Version of the file layout, raised when an older package would misread new files.
 SCHEMA = 3
 #: Maximum length of the line.
 LONGEST = 200
@@ -46,7 +45,7 @@ def add_seal(path: Path, identifier: str) -> None:
 
 
 def seal_of(path: Path) -> Seal | None:
-    """Return the seal of a file; None if it has none, as of an earlier version or edited since.
+    """Return the seal of a file; None if it has none, as of one that another program edited.
 
     Raises
     ------
@@ -76,17 +75,14 @@ def is_intact(path: Path, seal: Seal) -> bool:
 @lru_cache(4096)
 def _is_intact(path: Path, seal: Seal, *_: int) -> bool:
     with path.open("rb") as file:
-        found = _crc_of(file, seal.size, folded=seal.schema > 1)
+        found = _crc_of(file, seal.size)
         return found == (seal.size, seal.crc) and len(file.read(LONGEST + 1)) <= LONGEST
 
 
-def _crc_of(file: BinaryIO, size: int | None = None, *, folded: bool = True) -> tuple[int, int]:
+def _crc_of(file: BinaryIO, size: int | None = None) -> tuple[int, int]:
     """Return size and CRC-32 of a file, or of its first `size` bytes."""
-    total, crc, done, piece = FoldedCrc(), 0, 0, memoryview(bytearray(PIECE))
+    total, done, piece = FoldedCrc(), 0, memoryview(bytearray(PIECE))
     while count := file.readinto(piece if size is None else piece[: size - done]):  # type: ignore[attr-defined]
-        if folded:
-            total.update(piece[:count])
-        else:
-            crc = zlib.crc32(piece[:count], crc)
+        total.update(piece[:count])
         done += count
-    return done, total.value() if folded else crc
+    return done, total.value()

@@ -19,6 +19,7 @@ from cablepod.cable._kernels_forces import (
     forces,
 )
 from cablepod.chain._kernels_generalized_alpha import _is_inside
+from cablepod.discretisation._kernels_modal_damping import damping_forces
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 30
@@ -202,8 +203,8 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
 @compiled
 def trapezoidal(
     x, v, a, first, d, weight, scale, unrolled, stiffness, green, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, wind, wind_places, drag, rows, columns, ends, end_rates, step, tolerance, bound, start, steps, save_steps,
-    saved, link_element, link_rows, low, high, slack,
+    tension_damping, modal, wind, wind_places, drag, rows, columns, ends, end_rates, step, tolerance, bound, start, steps,
+    save_steps, saved, link_element, link_rows, low, high, slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of the trapezoidal rule (average acceleration), each solved by Newton's method.
 
@@ -217,6 +218,8 @@ def trapezoidal(
         Mass [kg]; damping per mass [1/s], 0 without.
     loads : float array (dims, m)
         Constant loads [N].
+    modal : NodalDamping
+        Damping by ratios, see :class:`cablepod.discretisation._modal_damping.NodalDamping`; it needs `end_rates`.
     wind_places : float array (steps + 1,) or None
         Places of the steps between the samples of the wind.
     tolerance : float
@@ -249,6 +252,8 @@ def trapezoidal(
     air_force, air_tangent, s_tangent = np.zeros(x.shape), np.zeros((dims, dims, last + 1)), s
     if tension_damping is not None:
         s_tangent = np.zeros(shape)
+    damping_force, lag = np.zeros(x.shape), modal.half_ratio * velocity_factor * velocity_factor
+    is_linear = wind is not None or modal.matrix.size > 0
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -286,6 +291,11 @@ def trapezoidal(
             below = _law(square, stretching, weight, stiffness, green, viscosity, s)
             _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b)
             band[:] = 0.0
+            if modal.matrix.size > 0:
+                for row in range(band.shape[0]):
+                    for column in range(band.shape[1]):
+                        band[row, column] = modal.stiffness[row, column]
+                damping_forces(modal, u, first, damping_force)
             if tension_damping is not None:
                 for q in range(weight.size):
                     for e in range(scale.size):
@@ -304,9 +314,10 @@ def trapezoidal(
                     for load in range(patterns.shape[0]):
                         total += factors[i + 1, load] * patterns[load, c, j]
                     new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]
+                    total += damping_force[c, first + j]
                     total -= damping * mass[j] * (2.0 * increment[c, j] / step - v[c, j])
                     right[dims * j + c] = total - mass[j] * new
-                    band[dims * j + c, 0] += mass[j] * (inertia + damping * velocity_factor)
+                    band[dims * j + c, 0] += mass[j] * (inertia + damping * velocity_factor + lag)
             _solve(band, height, right)
             norm = 0.0
             for c in range(dims):
@@ -316,8 +327,9 @@ def trapezoidal(
                     trial[c, first + j] = x[c, first + j] + increment[c, j]
                     if not abs(correction) <= norm:  # also for nan
                         norm = abs(correction)
-            # the tangent leaves out that the drag turns with the cable: what remains is norm^2 / before, not the square of norm
-            remainder = 0.0 if wind is None else (norm * norm / before if before > norm else norm)
+            # the tangent leaves out that the drag turns with the cable, and approximates the damping by ratios: what remains is
+            # norm^2 / before, not the square of norm
+            remainder = (norm * norm / before if before > norm else norm) if is_linear else 0.0
             if norm <= tolerance and remainder <= REMAINDER * tolerance:
                 converged = True
                 break

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cablepod.cable._mesh import SpectralMesh
+from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import (
     Extremes,
@@ -169,6 +172,20 @@ class ImplicitCableRun(CableRun, ImplicitChainRun):
         """What to try where a run stops."""
         return "a shorter step, scheme velocity_verlet, gentler loads or motion, or damping"
 
+    @cached_property
+    def modal_damping(self) -> NodalDamping:
+        """Damping by the ratios of the scene, of vibrations of the cable about rest."""
+        from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
+
+        p, mesh = self.chain.p, self.chain
+        if p.damping_ratios is None:
+            return NodalDamping.none()
+        mesh = replace(mesh, p=replace(p, initial={}))
+        x = np.ascontiguousarray(solve_equilibrium(mesh, catenary_nodes(mesh))[0].T)
+        band = kernel.tangent(x, 1, mesh.links - 1, *mesh.law_arguments)
+        mass = np.repeat(p.mass * mesh.tributary_length[1:-1], p.dims)
+        return NodalDamping.of(p, _dense(band), mass, mesh.arc_length / mesh.total_length, band)
+
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run."""
         return _CableStepper(self, instants)
@@ -226,10 +243,11 @@ class _CableStepper(ImplicitStepper):
         if air is not None:
             wind = air.velocity, time * air.samples_per_second, air.drag
         needs_rates = p.link_viscosity is not None or p.tension_damping is not None or air is not None
+        needs_rates = needs_rates or p.damping_ratios is not None
         done, iterations = kernel.trapezoidal(
             self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green,
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
-            _factors(self.varying, time), p.link_viscosity, p.tension_damping, *wind, rows, columns,
+            _factors(self.varying, time), p.link_viscosity, p.tension_damping, self.modal, *wind, rows, columns,
             end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
             max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save, saved,
             self.element, self.rows, low, high, self.slack,
@@ -237,6 +255,16 @@ class _CableStepper(ImplicitStepper):
         self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations
         return done
+
+
+def _dense(band: np.ndarray) -> np.ndarray:
+    """Return a symmetric matrix from its lower triangle, whose entry (row, column) is at [column, row - column] of the band."""
+    size, width = band.shape
+    result = np.zeros((size, size))
+    for k in range(min(width, size)):
+        diagonal = np.arange(size - k)
+        result[diagonal, diagonal + k] = result[diagonal + k, diagonal] = band[: size - k, k]
+    return result
 
 
 def _factors(varying: list[Any], time: np.ndarray) -> np.ndarray:

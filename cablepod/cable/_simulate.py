@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import xarray as xr
@@ -18,6 +19,7 @@ from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_spa
 from cablepod.cable._start import converged_equilibrium, start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
+from cablepod.discretisation._modal_damping import implicit_scheme
 from cablepod.errors import NotConvergedWarning, SceneError, user_stacklevel
 from cablepod.integrate._coarse import driven_of, end_time_of, warn_of_few_elements
 from cablepod.integrate._energy_check import ENERGY_WARN
@@ -265,6 +267,7 @@ def simulate(
         several=step is None or elements is None,
     )
     p = parameters(scene)
+    request = replace(request, scheme=implicit_scheme(p, request.scheme, SCHEMES[1:]))
     warn_of_unusual(p)
     check_viscous_law(law, p.link_viscosity)
     check_order(order)
@@ -282,7 +285,7 @@ def simulate(
 
     first_runs = runs(element_count(elements, p))
     explicit = first_runs[SCHEMES[0]]
-    limit = explicit.step_limit if step is not None and scheme in (None, SCHEMES[0]) else None
+    limit = explicit.step_limit if step is not None and request.scheme in (None, SCHEMES[0]) else None
     formula = f'{explicit.limit_text}; scheme "trapezoidal" has none'
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, formula)
     warn_of_velocity_jump(p)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cablepod.chain._start import rest_shape
+from cablepod.discretisation._chain import LumpedChain
+from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.integrate._march import cut_step, not_converged
 from cablepod.integrate._newton_run import NewtonRun
 from cablepod.integrate._output import Extremes
@@ -57,6 +61,16 @@ class ImplicitChainRun(NewtonRun):
         alpha_m, alpha_f = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
         return alpha_m, alpha_f, 0.25 * (1.0 - alpha_m + alpha_f) ** 2, 0.5 - alpha_m + alpha_f
 
+    @cached_property
+    def modal_damping(self) -> NodalDamping:
+        """Damping by the ratios of the scene, of vibrations of the chain about rest."""
+        p, chain = self.chain.p, self.chain
+        if p.damping_ratios is None:
+            return NodalDamping.none()
+        links = link_stiffness(chain, rest_shape(chain)[0])
+        mass = np.repeat(p.mass * chain.tributary_length[chain.free_particles], p.dims)
+        return NodalDamping.of(p, assembled(links, p.dims), mass, chain.arc_length / chain.total_length, links)
+
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run; models with other kernels override this."""
         return ImplicitStepper(self, instants)
@@ -69,7 +83,12 @@ class ImplicitChainRun(NewtonRun):
     def shape(self) -> tuple[Any, ...]:
         """Key of runs that can be advanced in lanes of one kernel call, see :class:`cablepod.chain._lanes.ImplicitLanes`."""
         chain, p, free = self.chain, self.chain.p, self.chain.free_particles
-        damping = (p.mass_damping is None, p.link_viscosity is None, p.tension_damping is None)
+        damping = (
+            p.mass_damping is None,
+            p.link_viscosity is None,
+            p.tension_damping is None,
+            p.damping_ratios is None,
+        )
         terms = (damping, len(chain.time_dependent_loads()))
         sizes = (chain.links, p.dims, chain.law, free.start, free.stop, *sorted(self.moving))
         return self.method, self.spectral_radius, sizes, terms, self.outputs, self.times.tobytes()
@@ -79,6 +98,8 @@ class ImplicitChainRun(NewtonRun):
         """Return the places of runs of equal shape that are advanced together; others are left to single runs."""
         from cablepod.chain._lanes import groups_of_lanes
 
+        if steppers[0].run.chain.p.damping_ratios is not None:
+            return []
         return groups_of_lanes(steppers)
 
     @staticmethod
@@ -122,11 +143,45 @@ class ImplicitChainRun(NewtonRun):
         if self.air is not None:
             for i, instant in enumerate(time):
                 total[i] += self.air.force(x[i], v[i], float(instant))
+        if stepper.modal.matrix.size:
+            total += [stepper.modal.forces(rates, chain.free_particles.start) for rates in v]
         a = np.zeros_like(x)
         a[:, chain.free_particles] = total[:, chain.free_particles] / stepper.mass[chain.free_particles, None]
         if chain.p.mass_damping is not None:
             a[:, chain.free_particles] -= chain.p.mass_damping * v[:, chain.free_particles]
         return a
+
+
+def link_stiffness(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
+    """Return the tangent stiffness of the links (3 or 6, n + 2) [N/m] at positions (n + 1, dims) [m].
+
+    The rows are xx, xy, yy, or xx, xy, xz, yy, yz, zz; link j is at j + 1.
+    """
+    from cablepod.chain import _kernels_links as kernel  # numba is imported only to compute
+
+    dims, x = chain.p.dims, np.ascontiguousarray(position.T)
+    still, f = np.zeros_like(x), np.zeros((dims, chain.links + 2))
+    s = np.zeros((3 if dims == 2 else 6, chain.links + 2))
+    of_links = chain.k, chain.length, chain.inverse_squares, None, None, 0.0
+    if dims == 2:
+        kernel.link_forces_planar(*x, *still, *of_links, *f, *s)
+    else:
+        kernel.link_forces_spatial(*x, *still, *of_links, *f, s)
+    return s
+
+
+def assembled(links: np.ndarray, dims: int) -> np.ndarray:
+    """Return the stiffness of the inner particles (unknowns, unknowns), particle by particle, from :func:`link_stiffness`."""
+    blocks = links[
+        np.array([[0, 1], [1, 2]] if dims == 2 else [[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+    ]  # (dims, dims, n + 2)
+    inner = links.shape[1] - 3
+    result = np.zeros((inner, dims, inner, dims))
+    for p in range(inner):
+        result[p, :, p] = blocks[:, :, p + 1] + blocks[:, :, p + 2]
+        if p + 1 < inner:
+            result[p, :, p + 1] = result[p + 1, :, p] = -blocks[:, :, p + 2]
+    return result.reshape(inner * dims, inner * dims)
 
 
 class ImplicitStepper:
@@ -143,7 +198,12 @@ class ImplicitStepper:
         self.mass[free] = p.mass * chain.tributary_length[free]
         self.x = np.ascontiguousarray(run.initial.T)
         self.v = np.zeros_like(self.x)
-        self.force, self.a = self._of_free(run.first_force()), np.zeros_like(self.x)
+        self.modal, first_force = run.modal_damping, run.first_force()
+        if self.modal.matrix.size:
+            rates = np.zeros_like(run.initial)
+            rates[[0, -1]] = p.end_positions(np.zeros(1), 1)[0]
+            first_force = first_force + self.modal.forces(rates, free.start)
+        self.force, self.a = self._of_free(first_force), np.zeros_like(self.x)
         self.a[:, free] = self.force[:, free] / self.mass[free]
         self.loads = self._of_free(chain.loads())
         self.varying = chain.time_dependent_loads()
@@ -258,6 +318,7 @@ class ImplicitStepper:
             np.stack([factor(time) for _, factor in self.varying], axis=1) if self.varying else None,
             p.link_viscosity,
             p.tension_damping,
+            self.modal,
         )
         end_tables = (
             np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
@@ -281,6 +342,7 @@ class ImplicitStepper:
             )
         else:
             is_damped = p.link_viscosity is not None or p.tension_damping is not None or run.air is not None
+            is_damped = is_damped or p.damping_ratios is not None
             rates = p.end_positions(time, 1) if is_damped else None
             done, iterations = kernel_generalized_alpha.generalized_alpha(
                 self.x,
@@ -295,6 +357,7 @@ class ImplicitStepper:
                 step,
                 *run.parameters,
                 max(self.rotation_tolerance, ROUNDING * rotation),
+                ROUNDING * rotation,
                 *last,
             )
         self.iterations += iterations

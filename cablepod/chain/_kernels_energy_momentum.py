@@ -17,6 +17,7 @@ from cablepod.chain._kernels_generalized_alpha import (
     _repeat,
     _set_ends,
     _update_extremes,
+    _with_modal_damping,
 )
 from cablepod.chain._kernels_links import link_forces_conserving
 
@@ -24,8 +25,8 @@ from cablepod.chain._kernels_links import link_forces_conserving
 @compiled
 def energy_momentum(
     x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, wind, wind_places, drag, lower, upper, step, rotation_tolerance, rounding, bound, start, steps, save_steps,
-    saved, low, high,
+    tension_damping, modal, wind, wind_places, drag, lower, upper, step, rotation_tolerance, rounding, bound, start, steps,
+    save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
@@ -43,6 +44,8 @@ def energy_momentum(
     masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_trial, steady = x.reshape(-1), v.reshape(-1), trial.reshape(-1), loads.reshape(-1)
     diagonal = masses * (2.0 / (step * step) + (0.0 if damping is None else damping / step))
+    solved = diagonal + modal.half_ratio * 2.0 / (step * step) * masses
+    damping_force = np.zeros_like(x)
     middle, rates = np.zeros_like(x), np.zeros_like(x)
     air_force, air_damping, own = np.zeros_like(x), np.zeros(particles), np.zeros((3 * dims - 3, particles))
     iterations, save = 0, 0
@@ -65,22 +68,27 @@ def energy_momentum(
         for _ in range(MAX_ITERATIONS):
             iterations += 1
             link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, tension_damping, 1.0 / step, f, s)
-            if wind is not None:
+            known = fixed_force
+            if wind is not None or modal.matrix.size > 0:
                 for c in range(dims):
                     for p in range(particles):
                         middle[c, p] = 0.5 * (x[c, p] + trial[c, p])
                         rates[c, p] = (trial[c, p] - x[c, p]) / step
+            if modal.matrix.size > 0:
+                known = _with_modal_damping(modal, rates, first, 0.5, fixed_force, damping_force, s)
+            if wind is not None:
                 drag_forces(middle, rates, wind, wind_places[i], drag, first, last, air_force, air_damping)
                 drag_tangent(middle, first, last, 1.0 / step, air_force, air_damping, own)
                 flat_air = air_force.reshape(-1)
                 for q in range(d.size):
-                    flat_air[q] += fixed_force[q]
-                rotation = _correction(f, s, flat_air, diagonal, own, d, b, workspace, first, last, per_length)
+                    flat_air[q] += known[q]
+                rotation = _correction(f, s, flat_air, diagonal, solved, own, d, b, workspace, first, last, per_length)
             else:
-                rotation = _correction(f, s, fixed_force, diagonal, None, d, b, workspace, first, last, per_length)
+                rotation = _correction(f, s, known, diagonal, solved, None, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
-            remainder = 0.0 if wind is None else _remainder(rotation, last_rotation if last_rotation < np.inf else 0.0)
+            before = last_rotation if last_rotation < np.inf else 0.0
+            remainder = 0.0 if wind is None and modal.matrix.size == 0 else _remainder(rotation, before)
             small = rotation <= rotation_tolerance and remainder <= REMAINDER * rotation_tolerance
             if small or (rotation <= rounding and rotation > 0.5 * last_rotation):
                 converged = True

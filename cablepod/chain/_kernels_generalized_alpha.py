@@ -17,19 +17,22 @@ from cablepod._jit import REORDERED, compiled
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
 from cablepod.chain._kernels_drag import drag_forces, drag_tangent
 from cablepod.chain._kernels_links import link_forces_planar, link_forces_spatial
+from cablepod.discretisation._kernels_modal_damping import damping_forces
 
 #: Maximum number of Newton iterations per step.
 MAX_ITERATIONS = 30
 #: With drag, whose tangent leaves out the direction of the cable: tolerance of what remains over that of the last correction.
 REMAINDER = 1e-3
+#: The same with damping by ratios, whose tangent is an approximation: what remains acts against the motion in every step.
+MODAL_REMAINDER = 1e-6
 
 
 @compiled
-def _correction(f, s, fixed_force, diagonal, own, d, b, workspace, first, last, per_length):
+def _correction(f, s, fixed_force, diagonal, solved, own, d, b, workspace, first, last, per_length):
     """Compute the Newton correction b of the displacements d; returns its mean rotation of the links.
 
-    The right side is the sum of link forces and `fixed_force` less `diagonal` d.  `own` is the negative derivative of
-    `fixed_force` by the displacements of each particle, None for 0.
+    The right side is the sum of link forces and `fixed_force` less `diagonal` d; `solved` takes its place in the tangent.  `own`
+    is the negative derivative of `fixed_force` by the displacements of each particle, None for 0.
     """
     dims, particles = b.shape
     flat = b.reshape(-1)
@@ -43,12 +46,12 @@ def _correction(f, s, fixed_force, diagonal, own, d, b, workspace, first, last, 
             b[c, last] = 0.0
     if dims == 2:
         solve_planar(
-            diagonal, own, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first,
+            solved, own, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first,
             last,
         )  # fmt: skip
     else:
         solve_spatial(
-            diagonal, own, (s[0], s[1], s[2], s[3], s[4], s[5]), (b[0], b[1], b[2]),
+            solved, own, (s[0], s[1], s[2], s[3], s[4], s[5]), (b[0], b[1], b[2]),
             (workspace[0], workspace[1], workspace[2], workspace[3], workspace[4], workspace[5]), first, last,
         )  # fmt: skip
     return _mean_rotation(flat, per_length)
@@ -71,6 +74,21 @@ def _mean_rotation(b, per_length):
 def _remainder(rotation, before):
     """Return what a linear iteration leaves after two corrections, or after the first one (`before` = 0) at most."""
     return rotation * rotation / before if before > rotation else rotation
+
+
+@compiled
+def _with_modal_damping(modal, rates, first, part, fixed_force, forces, s):
+    """Return the sum of `fixed_force` and the damping by ratios, in `forces` (dims, n + 1), flat.
+
+    `part` times the stiffness of `modal` is added to that of the links, `s`.
+    """
+    damping_forces(modal, rates, first, forces)
+    flat, links, stiffness = forces.reshape(-1), s.reshape(-1), modal.stiffness.reshape(-1)
+    for q in range(flat.size):
+        flat[q] += fixed_force[q]
+    for q in range(links.size):
+        links[q] += part * stiffness[q]
+    return flat
 
 
 @compiled(inline="always")
@@ -137,8 +155,8 @@ def _update_extremes(x, low, high, inverse_squares, k, length):
 @compiled
 def generalized_alpha(
     x, v, a, g, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, wind, wind_places, drag, lower, upper, end_rates, step, alpha_m, alpha_f, beta, gamma,
-    rotation_tolerance, bound, start, steps, save_steps, saved, low, high,
+    tension_damping, modal, wind, wind_places, drag, lower, upper, end_rates, step, alpha_m, alpha_f, beta, gamma,
+    rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of generalized alpha (Chung and Hulbert 1993); alphas 0 give the trapezoidal rule.
 
@@ -165,6 +183,8 @@ def generalized_alpha(
         Viscosity of the links over their stiffness [s].
     tension_damping : float or None
         Damping by the tension [s], see :func:`cablepod.chain._kernels_links.link_forces_planar`.
+    modal : NodalDamping
+        Damping by ratios, see :class:`cablepod.discretisation._modal_damping.NodalDamping`; it needs `end_rates`.
     wind, wind_places, drag : float arrays (samples, dims, n + 1), (steps + 1,), float, or None
         Velocity of the air at the particles [m/s], linear between the samples; places of the steps between the samples; half the
         density of the air times drag coefficient and diameter [kg/m2].
@@ -176,8 +196,8 @@ def generalized_alpha(
         [s].
     alpha_m, alpha_f, beta, gamma : float
         Parameters of the method.
-    rotation_tolerance : float
-        Newton tolerance: root mean square rotation of the links by the last correction.
+    rotation_tolerance, rounding : float
+        Newton tolerance: root mean square rotation of the links by the last correction; the same by rounding.
     bound : float
         Coordinate above which the chain is considered divergent [m].
     start, steps : int
@@ -214,7 +234,10 @@ def generalized_alpha(
     rate, inertia = gamma / (beta * step), (1.0 - alpha_m) / (1.0 - alpha_f)
     old_g, old_a = alpha_f / (1.0 - alpha_f), alpha_m / (1.0 - alpha_f)
     diagonal = masses * (inertia * per_d + (0.0 if damping is None else damping * rate))
+    solved = diagonal + modal.half_ratio * rate * rate * masses
+    damping_force = np.zeros((dims, particles))
     steady, last_a, first_a = loads.reshape(-1), flat_a.copy(), flat_a.copy()
+    allowed = REMAINDER if modal.matrix.size == 0 else MODAL_REMAINDER
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -262,19 +285,23 @@ def generalized_alpha(
                     trial[0], trial[1], trial[2], rates[0], rates[1], rates[2], k, length, inverse_squares, viscosity,
                     tension_damping, rate, f, f[particles:], f[2 * particles :], s,
                 )  # fmt: skip
+            known = fixed_force
+            if modal.matrix.size > 0:
+                known = _with_modal_damping(modal, rates, first, 1.0, fixed_force, damping_force, s)
             if wind is not None:
                 drag_forces(trial, rates, wind, wind_places[i + 1], drag, first, last, air_force, air_damping)
                 drag_tangent(trial, first, last, rate, air_force, air_damping, own)
                 flat_air = air_force.reshape(-1)
                 for q in range(d.size):
-                    flat_air[q] += fixed_force[q]
-                rotation = _correction(f, s, flat_air, diagonal, own, d, b, workspace, first, last, per_length)
+                    flat_air[q] += known[q]
+                rotation = _correction(f, s, flat_air, diagonal, solved, own, d, b, workspace, first, last, per_length)
             else:
-                rotation = _correction(f, s, fixed_force, diagonal, None, d, b, workspace, first, last, per_length)
+                rotation = _correction(f, s, known, diagonal, solved, None, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
-            remainder = 0.0 if wind is None else _remainder(rotation, before)
-            if rotation <= rotation_tolerance and remainder <= REMAINDER * rotation_tolerance:
+            remainder = 0.0 if wind is None and modal.matrix.size == 0 else _remainder(rotation, before)
+            is_small = remainder <= allowed * rotation_tolerance or (rotation <= rounding and rotation > 0.5 * before)
+            if rotation <= rotation_tolerance and is_small:
                 converged = True
                 break
             if not rotation < 1e300:

@@ -19,6 +19,7 @@ from cablepod.chain._start import start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
+from cablepod.discretisation._modal_damping import implicit_scheme
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
@@ -84,9 +85,10 @@ def prepare(
     explicit = ExplicitChainRun(*arguments, window=request.window, air=air)
     limit = explicit.step_limit
     run: ChainRun = explicit
-    if request.scheme not in (None, explicit.scheme):
+    scheme = implicit_scheme(p, request.scheme, implicit.SCHEMES)
+    if scheme not in (None, explicit.scheme):
         run = ImplicitChainRun(
-            *arguments, method=request.scheme, spectral_radius=request.radius, window=request.window, air=air
+            *arguments, method=scheme, spectral_radius=request.radius, window=request.window, air=air
         )
     explicit_limit = limit if run is explicit else None
     others = "; implicit schemes have none"
@@ -160,7 +162,7 @@ def solution(ready: PreparedScene, request: ChainRequest) -> Search[Solution]:
                 stacklevel=user_stacklevel(),
             )
         return Solution(run, state, steps_per_second, None)
-    if request.scheme is not None:
+    if request.scheme is not None or run is not explicit:
         return Solution(run, *(yield from _refine_in_time(run, limit, request.tolerance)))
     trapezoidal = ImplicitChainRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title,

@@ -162,7 +162,8 @@ def _pruned(table: Any) -> Any:
 def _saying_of_damping(scene: xr.Dataset) -> Iterator[None]:
     """Say before a long run that there is no damping; the warning after it is left out then."""
     with warnings.catch_warnings():
-        if not parameters(scene).mass_damping:
+        p = parameters(scene)
+        if not (p.mass_damping or p.damping_ratios):
             _group.note(
                 "damping is zero: responses that are not unstable are neutral, not attracting, and may have so many branches "
                 "that it takes minutes; give damping.mass_proportional"

@@ -83,7 +83,7 @@ def remarks(scene: xr.Dataset) -> str:
     p = parameters(scene)
     functions = p.time_functions()
     found = []
-    if functions and not (p.mass_damping or p.tension_damping or p.link_viscosity or p.wind):
+    if functions and not (p.mass_damping or p.tension_damping or p.damping_ratios or p.link_viscosity or p.wind):
         found.append(
             (
                 "damping",

@@ -81,7 +81,6 @@ class CondensedAir:
     air: CableAir
     end_time: float
     points: int | None = None  #: number of Gauss points; two more than the modes of a deflection by default
-    longest_interval: float = math.inf  #: of the samples of the air in the chord frame, where the ends move [s]
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray]:
@@ -97,12 +96,12 @@ class CondensedAir:
 
     @property
     def shapes(self) -> np.ndarray:
-        """Shapes, their slopes and test functions at the points (3, points, r)."""
+        """Shapes and their slopes at the points (2, points, r)."""
         return self.shapes_of_kernel.transpose(0, 2, 1)[:, : self.rule[0].size]
 
     @property
     def shapes_of_kernel(self) -> np.ndarray:
-        """Shapes, their slopes and test functions at the points, filled up (3, r, points)."""
+        """Shapes and their slopes at the points, filled up (2, r, points)."""
         return _shapes_at(self.model, self.rule[0].size)
 
     @property
@@ -148,7 +147,7 @@ class CondensedAir:
             turned = (of_air @ np.kron(axes, np.eye(sigma.size)).T).reshape(self._projected.shape)
             return refined(turned), self._rate
         velocity, rate = self.at_samples
-        scale = min(p.shortest_time_scale / SAMPLES_PER_CHANGE, self.longest_interval)
+        scale = p.shortest_time_scale / SAMPLES_PER_CHANGE
         parts = max(1, math.ceil(1.0 / (rate * scale)))
         count = math.ceil(self.end_time * rate * parts) + 2
         place = np.minimum(np.arange(count) / parts, len(velocity) - 1.0)
@@ -279,8 +278,6 @@ def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma:
 
 @lru_cache(KEPT_MODELS)
 def _shapes_at(model: CondensedModel, count: int) -> np.ndarray:
-    """Return shapes, slopes and test functions at `count` Gauss points, filled up (3, r, points); kept with the model."""
-    sigma = 0.5 * (1.0 + _gauss(count)[0])
-    shapes, slopes = interpolated(model, model.shapes, sigma, (0, 1))
-    tests = shapes if model.test_functions is model.shapes else interpolated(model, model.test_functions, sigma)[0]
-    return np.ascontiguousarray(np.stack([filled_up(values).T for values in (shapes, slopes, tests)]))
+    """Return shapes and slopes at `count` Gauss points, filled up (2, r, points); kept with the model."""
+    found = interpolated(model, model.shapes, 0.5 * (1.0 + _gauss(count)[0]), (0, 1))
+    return np.ascontiguousarray(np.stack([filled_up(values).T for values in found]))

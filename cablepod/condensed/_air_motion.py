@@ -24,7 +24,7 @@ class DragOfMotion:
         cls, air: CondensedAir, times: np.ndarray, q: np.ndarray, rates: np.ndarray, stretch: np.ndarray
     ) -> DragOfMotion:
         """Compute the drag on coordinates and rates (times, r) with the mean chordwise stretch (times,)."""
-        shapes, slopes, _ = air.shapes
+        shapes, slopes = air.shapes
         sets = air.model.sets
         velocity = air.velocity_at(times)
         tangent = np.empty_like(velocity)
@@ -38,25 +38,25 @@ class DragOfMotion:
         force = size[:, None] * velocity
         return cls(air, force[:, 0], force[:, 1:], tangent[:, 1:], float(size.mean()))
 
-    def on(self, tests: np.ndarray, n_in_plane: int) -> np.ndarray:
-        """Return the forces on test functions at the points (points, R), the first `n_in_plane` in plane: (times, R)."""
-        weighted = self.air.rule[1][:, None] * tests
+    def on(self, shapes: np.ndarray, n_in_plane: int) -> np.ndarray:
+        """Return the forces on shapes at the points (points, R), the first `n_in_plane` in plane: (times, R)."""
+        weighted = self.air.rule[1][:, None] * shapes
         parts = [self.normal[:, 0] @ weighted[:, :n_in_plane]]
         parts += [self.normal[:, k] @ weighted[:, n_in_plane:] for k in range(1, self.normal.shape[1])]
         return np.concatenate(parts, axis=1)
 
-    def by_tension(self, test_slopes: np.ndarray, n_in_plane: int) -> np.ndarray:
-        """Return the forces on test functions by the change of the chordwise force that the drag along the chord makes.
+    def by_tension(self, slopes: np.ndarray, n_in_plane: int) -> np.ndarray:
+        """Return the forces on shapes by the change of the chordwise force that the drag along the chord makes.
 
-        That change is -(integral of the drag), less its mean, which the closure takes away.  `test_slopes` are the slopes of
-        the test functions (points, R); the result is (times, R).
+        That change is -(integral of the drag), less its mean, which the closure takes away.  `slopes` are those of the shapes
+        (points, R); the result is (times, R).
         """
         sigma, weights = self.air.rule
         length = weights.sum()
         integral = _integration(sigma) * length
         tau = -(self.along @ integral.T)
         tau -= (tau @ weights / length)[:, None]
-        weighted = weights[:, None] * test_slopes
+        weighted = weights[:, None] * slopes
         parts = [-(tau * self.slope[:, 0]) @ weighted[:, :n_in_plane]]
         parts += [-(tau * self.slope[:, k]) @ weighted[:, n_in_plane:] for k in range(1, self.slope.shape[1])]
         return np.concatenate(parts, axis=1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import floats
 from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import ModeStructure, rescaled_model, unit_model
@@ -16,8 +15,6 @@ from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import relative_arc_length
 
-#: Name of the variable of trained test functions, before the suffixes of ``pod_normal.SETS``.
-TEST = "test_function"
 #: Minimum number of quadrature points: the squared slope of a single mode already has two maxima.
 MIN_QUADRATURE_POINTS = 4
 #: Relative tolerance of the modes' slope products by quadrature, an error that the stiffness inherits.  Links and a smooth curve
@@ -60,13 +57,9 @@ def unit_of(
         if rank > most:
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
     retained = tuple(shape if rank is None else shape[:rank] for _, shape in sets)
-    tests = _trained_test_functions(modes, sets, rank, order, quadrature)
-    # test functions were trained on a model with or, by older versions, without the terms of second order
-    second_order = tests is None or bool(modes.attrs.get("trained_second_order", 0))
-    structure = ModeStructure.of(p, relative_arc_length(modes), retained, tests, (order, law, quadrature, second_order))
-    unit = unit_model(structure)
+    unit = unit_model(ModeStructure.of(p, relative_arc_length(modes), retained, (order, law, quadrature)))
     if quadrature is not None:
-        _check_quadrature(unit, trained="trained_quadrature" in modes.attrs)
+        _check_quadrature(unit)
     return unit
 
 
@@ -92,42 +85,12 @@ def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) 
         )
 
 
-def _trained_test_functions(
-    modes: xr.Dataset, sets: list[tuple[str, np.ndarray]], rank: int | None, order: str, quadrature: int | None
-) -> tuple[np.ndarray, ...] | None:
-    """Return the test functions of each set (mode, particle); None where the modes have none."""
-    if f"{TEST}{sets[0][0]}" not in modes:
-        return None
-    count = modes.sizes["mode"] if rank is None else rank
-    most = modes.attrs.get("trained_rank", modes.sizes["mode"])
-    if count != most:
-        raise scene_error("rank", count, f"{most}, for which the test functions were trained; or modes without them")
-    trained = modes.attrs.get("trained_order", order)
-    if trained != order:
-        raise scene_error(
-            "order", order, f'"{trained}", for which the test functions were trained; or modes without them'
-        )
-    points = modes.attrs.get("trained_quadrature", quadrature or 0)
-    if points != (quadrature or 0):
-        trained_points = f"{points} points" if points else "none, the links"
-        raise scene_error(
-            "quadrature",
-            quadrature,
-            f"{trained_points}, for which the test functions were trained; or modes without them",
-        )
-    return tuple(floats(modes.variables[f"{TEST}{suffix}"].values)[: len(shape)] for suffix, shape in sets)
-
-
-def _check_quadrature(model: CondensedModel, *, trained: bool) -> None:
-    """Refuse a quadrature whose slope products differ from those of the links; trained test functions account for theirs."""
+def _check_quadrature(model: CondensedModel) -> None:
+    """Refuse a quadrature whose slope products differ from those of the links."""
     slopes, _, weights = model.rule
     kappa, n = np.diag(model.slope_norms_squared), model.n_in_plane
     norms = np.sqrt(model.slope_norms_squared)
-    scale = np.outer(norms, norms)
-    error = np.abs((slopes * weights) @ slopes.T - kappa) / scale
-    if not trained and model.test_slopes_at_points is not None and model.test_stiffness_defect is not None:
-        test_error = (model.test_slopes_at_points * weights) @ slopes.T - kappa - model.test_stiffness_defect
-        error = np.maximum(error, np.abs(test_error) / scale)
+    error = np.abs((slopes * weights) @ slopes.T - kappa) / np.outer(norms, norms)
     error[:n, n:] = error[n:, :n] = 0.0  # the model has no products of in-plane and out-of-plane modes
     if error.max() > QUADRATURE_RTOL:
         reason = f"slope products of the modes err by {100 * error.max():.2g} %, more than {100 * QUADRATURE_RTOL:g} %"

@@ -14,11 +14,12 @@ from cablepod.batch._computed import computed_variable
 from cablepod.batch._members import Rows, RunChunk, run_members
 from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
-from cablepod.condensed._lanes import LANES, LaneResults, advance
+from cablepod.condensed._kernels_layout import LeadingTerms
+from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, rest_profile
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
-from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
+from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import MAX_COSINE, reference_axis
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within, window_attributes
@@ -113,7 +114,7 @@ BATCHED_OUTPUTS = {"position", "tension", "tension_extremes"}
 def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: CondensedRequest) -> RunChunk | None:
     """Return how to run many members in compiled blocks; None where these do not support the request."""
     step, outputs = request.step, set(request.outputs)
-    if unit.raw_test_functions is not None or request.wind is not None or unit.order != "leading":
+    if request.wind is not None or unit.order != "leading":
         return None
     # the duration decides on the reference state
     if "time_duration" in members.varied or (request.times is None and "time_interval" in members.varied):
@@ -177,11 +178,13 @@ class MemberCoefficients:
         self.states = MemberStates.of(plan.unit, parameters, self.total, plan.end_time)
         self.scaled = rescale_coefficients(plan.unit, parameters.mass, self.total, self.states)
         named = self.scaled.named
-        self.coefficients = (
-            parameters.mass, parameters.stiffness, self.total, self.scaled.slope_norms_squared,
-            named["mean_chordwise_forces"], named["geometric_stiffness"], named["load_projection"],
-            named["geometric_stiffness_norms"],
+        stiffness, length, count = parameters.stiffness[:, None], self.total[:, None], self.total.size
+        self.terms = LeadingTerms(  # of one lane each
+            stiffness, 1.0 / length, 0.5 * stiffness / length, self.scaled.slope_norms_squared,
+            named["mean_chordwise_forces"], named["geometric_stiffness"].reshape(count, -1),
+            named["load_projection"].reshape(count, -1),
         )  # fmt: skip
+        self.ends = MemberEnds.of(parameters)
         self.load = np.ascontiguousarray(parameters.load_at(0.0)[:, :, None])
         self.reference = reference_axis(parameters.ends[:, 1] - parameters.ends[:, 0])
 
@@ -205,8 +208,8 @@ class MemberCoefficients:
         parabola = sag[:, None] * (scaled.named["shapes"] @ (chain.tributary_length * sigma * (1.0 - sigma)))
         q, v, limit, chord_tension = np.empty_like(parabola), np.empty_like(parabola), np.empty(count), np.empty(count)
         kernel.leading_starts(
-            ends, rates, accelerations, self.load, self.reference, step, parameters.damping, *self.coefficients,
-            model.n_in_plane, parabola, q, v, limit, chord_tension,
+            ends, rates, accelerations, self.load, self.reference, step, parameters.damping, parameters.mass, self.terms,
+            scaled.named["geometric_stiffness_norms"], model.n_in_plane, parabola, q, v, limit, chord_tension,
         )  # fmt: skip
         return q, v, limit, chord_tension
 
@@ -227,6 +230,76 @@ class MemberCoefficients:
             self.plan.modes, parameters, self.total, end_time, self.rest_tension
         )
 
+    def targets(self, rows: Rows, result: Variables, times: int) -> dict[str, np.ndarray]:
+        """Add the variables with many numbers at `times` instants to the result, and return their arrays."""
+        unit, outputs = self.plan.unit, self.plan.outputs
+        links = unit.chain.links if self.plan.links is None else self.plan.links.size
+        shapes: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
+            f"amplitude{suffix}": (("time", "mode"), (times, unit.rank))
+            for suffix, _ in zip(pod_normal.SETS, unit.sets, strict=False)
+        }
+        if "tension" in outputs:
+            shapes["tension"] = ("time", "link"), (times, links)
+        if "position" in outputs:
+            shapes["position"] = ("time", "particle", "coordinate"), (times, unit.chain.links + 1, unit.chain.p.dims)
+        if "tension_extremes" in outputs:
+            shapes |= {f"tension_{which}": (("link",), (links,)) for which in ("minimum", "maximum")}
+        for name, (dims, shape) in shapes.items():
+            result[name] = dims, rows(name, dims, shape)
+        return {name: values for name, (_, values) in result.items()}
+
+    def fill(
+        self, part: np.ndarray, q: np.ndarray, times: np.ndarray, done: LaneResults, targets: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Fill the rows of members from coordinates q (members, times, r); return whether they always have chord frames."""
+        for name, which, bases in zip(pod_normal.SETS, self.plan.unit.sets, self.scaled.bases, strict=False):
+            turned = q[:, :, which] @ np.swapaxes(bases[part], 1, 2)
+            targets[f"amplitude{name}"][part, :, : turned.shape[2]] = turned
+            targets[f"amplitude{name}"][part, :, turned.shape[2] :] = 0.0
+        for name, values in (("tension_minimum", done.low), ("tension_maximum", done.high)):
+            if name in targets:
+                targets[name][part] = values
+        has_frames, wanted = np.ones(part.size, dtype=bool), {"position", "tension"} & set(targets)
+        if not wanted:
+            return has_frames
+        from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
+
+        unit, p, count = self.plan.unit, self.parameters, len(self.total)
+        if "tension" in wanted and len(done.boundary_data[0]) and not done.instants.needs_interpolation:
+            chosen = slice(None) if self.plan.links is None else self.plan.links
+            tables = (self.scaled.named[name][part][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
+            slopes, patterns = map(np.ascontiguousarray, tables)
+            rows = done.instants.left[np.isin(done.instants.times, times)]
+            boundary_data = done.boundary_data.take(rows, axis=1)
+            kernel.tensions_of_members(
+                LeadingTerms(*(array[part] for array in self.terms)), boundary_data, q, slopes, unit.n_in_plane, patterns,
+                part, targets["tension"],
+            )  # fmt: skip
+            wanted.remove("tension")
+        if not wanted:
+            return has_frames
+        dims, total = unit.chain.p.dims, self.total[part]
+        ends = self.ends.take(part)
+        accelerations = np.zeros((part.size, 2 * dims, 0))
+        if p.motions:
+            values = ends.positions(times, 2)
+            if p.mass_damping is not None:
+                values += p.damping[part, None, None, None] * ends.positions(times, 1)
+            accelerations = _rows_of_ends(values)
+        states = self.states
+        factors = states.uniform[part, None] + states.sag[part, None] * rest_profile(self)
+        kernel.fields_of_members(
+            np.ascontiguousarray(q), _rows_of_ends(ends.positions(times)), accelerations, self.load[part],
+            self.reference[part], MAX_COSINE,
+            p.mass[part], p.stiffness[part], total[:, None] * unit.chain.length, self.scaled.named["shapes"][part],
+            unit.n_in_plane, self.scaled.named["chordwise_force_patterns"][part], factors,
+            np.arange(unit.chain.links) if self.plan.links is None else self.plan.links, part,
+            targets["position"] if "position" in wanted else np.empty((count, 0, 0, dims)),
+            targets["tension"] if "tension" in wanted else np.empty((count, 0, 0)),
+            has_frames,
+        )  # fmt: skip
+        return has_frames
+
 
 class CondensedBatch(MemberCoefficients):
     """Coefficients and results of the members of one chunk with a given step."""
@@ -235,50 +308,18 @@ class CondensedBatch(MemberCoefficients):
 
     def run(self, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members; return a mask of those completed, variables, the large ones in `rows`, and attributes."""
-        instants, unit, outputs = self.plan.instants, self.plan.unit, self.plan.outputs
-        times, links = instants.times.size, unit.chain.links if self.plan.links is None else self.plan.links.size
-        q, v, limit = self._start()
+        instants = self.plan.instants
+        q, v, limit, _ = self.starts(1.0 / instants.steps_per_second)
         result: Variables = {}
-
-        def add(name: str, dims: tuple[str, ...], *shape: int) -> np.ndarray:
-            result[name] = dims, rows(name, dims, shape)
-            return result[name][1]
-
-        amplitudes = tuple(
-            add(f"amplitude{suffix}", ("time", "mode"), times, unit.rank)
-            for suffix, _ in zip(pod_normal.SETS, unit.sets, strict=False)
-        )
-        for amplitude, which in zip(amplitudes, unit.ranks, strict=False):
-            amplitude[:, :, which:] = 0.0
-        dims, count = unit.chain.p.dims, len(q)
-        tension, position = np.empty((count, 0, 0)), np.empty((count, 0, 0, dims))
-        if "tension" in outputs:
-            tension = add("tension", ("time", "link"), times, links)
-        if "position" in outputs:
-            position = add("position", ("time", "particle", "coordinate"), times, unit.chain.links + 1, dims)
-        done = advance(self, q, v, amplitudes, tension, position)
-        if "position" in outputs:
-            ends = np.empty((count, times, 2, dims))
-            self.parameters.fill_end_positions(instants.times, ends)
-            position[:, :, -1] = ends[:, :, 1]  # free of rounding, as for single runs
-            self.active &= self._has_frames(ends)
-        self.active &= (1.0 / instants.steps_per_second < limit) & done.completed
+        targets = self.targets(rows, result, instants.times.size)
+        lanes, everyone = Lanes(self, self.ends, SCHEMES[0], STABLE_PHASE[SCHEMES[0]]), np.arange(len(q))
+        wants_extremes = "tension_extremes" in self.plan.outputs
+        loads = "tension" in self.plan.outputs
+        done = lanes.advance(everyone, instants, q, v, extremes=wants_extremes, rates=False, loads=loads)
+        has_frames = self.fill(everyone, np.ascontiguousarray(done.q), instants.times, done, targets)
+        self.active &= (1.0 / instants.steps_per_second < limit) & done.completed & has_frames
         result["unstretched_length"] = (), self.total
-        if "tension_extremes" in outputs:
-            result["tension_minimum"], result["tension_maximum"] = (("link",), done.low), (("link",), done.high)
         return self.active, result | self.places(result), self._attributes(done, limit)
-
-    def _has_frames(self, ends: np.ndarray) -> np.ndarray:
-        """Tell whether the normals of the members are defined for ends (members, times, end, dims) [m]; always in the plane."""
-        if ends.shape[3] == 2:
-            return np.ones(len(ends), dtype=bool)
-        reach = ends[:, :, 1] - ends[:, :, 0]
-        along = np.take_along_axis(reach, self.reference[:, None, None], axis=2)[:, :, 0]
-        return (along * along < MAX_COSINE**2 * (reach * reach).sum(axis=2)).all(axis=1)
-
-    def _start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return coordinates, rates half a step before the start (members, r), and step limits (members,) [s]."""
-        return self.starts(1.0 / self.plan.instants.steps_per_second)[:3]
 
     def _attributes(self, done: LaneResults, limit: np.ndarray) -> dict[str, list[Any]]:
         """Return the attributes of the members, a list for each name."""
@@ -292,3 +333,9 @@ class CondensedBatch(MemberCoefficients):
             | {name: values.tolist() for name, values in varied.items()}
             | self.diagnostics(limit, float(instants.times[-1]))
         )
+
+
+def _rows_of_ends(values: np.ndarray) -> np.ndarray:
+    """Return values of both ends (members, times, end, dims) as rows (members, 2 dims, times)."""
+    count, times, _, dims = values.shape
+    return np.ascontiguousarray(np.swapaxes(values.reshape(count, times, 2 * dims), 1, 2))

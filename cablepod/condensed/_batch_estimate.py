@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablepod.condensed._error_equation import CORRECTIONS_LEADING, unit_coefficients
+from cablepod.condensed._error_equation import Cables, scaled_terms, terms_of_cable, unit_coefficients
 from cablepod.condensed._estimate import MAX_ERROR, MOTION_SAMPLES, POINTS, POINTS_PER_MODE
+from cablepod.condensed._kernels_layout import ErrorWork
 from cablepod.condensed._waves import chord_direction, waves_of_start
 
 if TYPE_CHECKING:
     from cablepod.condensed._batch_fitted import FittedBatch
-    from cablepod.condensed._lanes_numerov import NumerovResults
+    from cablepod.condensed._lanes import LaneResults
 
 
 class MemberRuns:
@@ -32,7 +33,7 @@ class MemberRuns:
         Number of steps between two samples.
     """
 
-    def __init__(self, batch: FittedBatch, part: np.ndarray, results: NumerovResults, interval: int) -> None:
+    def __init__(self, batch: FittedBatch, part: np.ndarray, results: LaneResults, interval: int) -> None:
         self.batch, self.part, self.results, self.interval = batch, part, results, interval
         self.total, self.mass = batch.total[part], batch.parameters.mass[part]
         self.ends, self.shapes = batch.ends.take(part), batch.scaled.named["shapes"][part]
@@ -89,39 +90,30 @@ def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
     unit, at = unit_coefficients(
         model.modes, model.chain.arc_length, model.chain.p, POINTS + POINTS_PER_MODE * max(map(len, model.modes))
     )
-    # powers of mass and length, as in ErrorEquation.of; there are no point loads
     shape = (1.0 / np.sqrt(runs.mass * total))[:, None, None]
-    length, inverse_shape = total[:, None, None], 1.0 / shape
-    projection = inverse_shape * (unit.shapes * unit.mass)
+    length, projection = total[:, None, None], (unit.shapes * unit.mass) / shape
     change = projection @ np.swapaxes(shapes, 1, 2)
     in_plane, enriched_in_plane = model.n_in_plane, unit.n_in_plane
     change[:, :enriched_in_plane, in_plane:] = change[:, enriched_in_plane:, :in_plane] = 0.0
-    slopes = (shape / length) * at.slopes
-    stiffness = (shape * shape)[..., None] * unit.geometric_stiffness
-    points = (
-        length[:, 0] * at.weights, at.sigma, (runs.mass * total)[:, None] * at.masses, at.share, length * at.patterns,
-        np.swapaxes(change, 1, 2) @ slopes, slopes,
-    )  # fmt: skip
-    coefficients = (
-        change, unit.slope_norms_squared * (shape * shape / length)[:, 0], length[:, 0] * unit.mean_chordwise_forces, stiffness,
-        stiffness @ change[:, None], length * shape * unit.load_projection,
-    )  # fmt: skip
+    cables = Cables(p.stiffness[part], runs.mass, p.damping[part], total)
+    load = np.repeat(total[:, None], len(model.load_patterns), axis=1)  # there are no point loads
+    terms = scaled_terms(unit, at, cables, load, change, in_plane, leading=True, green=False)
     q, rates, boundary_data = results.saved, results.half_step_rates, results.boundary_data
     if runs.samples.size < q.shape[1]:
         q, rates, boundary_data = (array.take(runs.samples, axis=1) for array in (q, rates, boundary_data))
-    rate = results.instants.steps_per_second
-    squares, largest = np.empty(q.shape[:2]), np.zeros((part.size, len(unit.shapes) + 1))
+    rate, size = results.instants.steps_per_second, len(unit.shapes)
+    squares, largest = np.empty(q.shape[:2]), np.zeros((part.size, size + 1))
     dims, count = p.dims, part.size
     rest = (
         batch.q_rest[part], runs.ends.positions(np.zeros(1)).reshape(count, 2 * dims, 1),
         np.zeros((2 * dims, 1 if p.motions else 0)), batch.load[part], batch.reference[part], runs.mass,
     )  # fmt: skip
-    kernel.errors_of_members(
-        rest, (q, rates, rate), boundary_data, runs.interval / rate,
-        (False, True, CORRECTIONS_LEADING, in_plane, enriched_in_plane),
-        np.stack([p.stiffness[part], total, p.damping[part]], axis=1), points, coefficients,
-        _initial_error_rates(runs, projection, change, enriched_in_plane), squares, largest,
-    )  # fmt: skip
+    vectors, samples = np.zeros((count, 7, size)), q.shape[1]
+    vectors[:, 1] = _initial_error_rates(runs, projection, change, enriched_in_plane)
+    drive = np.empty((samples, size)), np.empty((samples, size)), np.empty(samples), np.empty(samples)
+    work = ErrorWork.of(terms_of_cable(terms, 0))
+    motions, interval = (q, rates, rate), runs.interval / rate
+    kernel.errors_of_members(rest, motions, boundary_data, interval, terms, work, drive, vectors, squares, largest)
     squares /= (runs.mass * total)[:, None]
     squares[np.isnan(squares)] = math.inf
     error, samples = largest[:, :-1], largest[:, -1].astype(int)

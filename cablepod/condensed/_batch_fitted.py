@@ -14,8 +14,7 @@ from cablepod.batch._stack import Variables
 from cablepod.condensed._batch import MemberCoefficients, MembersPlan
 from cablepod.condensed._batch_estimate import MemberRuns, errors_of, motions_of
 from cablepod.condensed._estimate import sample_interval
-from cablepod.condensed._lanes import VECTOR, rest_profile
-from cablepod.condensed._lanes_numerov import MemberEnds, NumerovLanes, NumerovResults
+from cablepod.condensed._lanes import LANES, LaneResults, Lanes
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import shared_attributes
 from cablepod.condensed._runs import (
@@ -25,19 +24,17 @@ from cablepod.condensed._runs import (
     FOURTH_ORDER_THRESHOLD,
     MAX_TOLERANCE,
     MIN_TOLERANCE,
+    STABLE_PHASE,
     TIME_ERROR_SHARE,
     CondensedRequest,
     whole_steps_per_second,
 )
 from cablepod.condensed._stepper import FOURTH_ORDER
 from cablepod.condensed._waves import INTEGRATED_RATIO
-from cablepod.discretisation._chord_frame import MAX_COSINE
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._step_control import FIRST_MARGIN, MAX_WORK, STEPS_PER_CHANGE
 from cablepod.integrate._window import window_attributes
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._parameters import Parameters
-from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._validity import forcing_attributes
 
 #: Outputs of these members.
@@ -94,27 +91,23 @@ class FittedBatch(MemberCoefficients):
 
     plan: FittedBatchPlan
 
-    def __init__(self, plan: FittedBatchPlan, parameters: Parameters) -> None:
-        super().__init__(plan, parameters)
-        self.ends = MemberEnds.of(parameters)
-
     def run(self, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members; return a mask of those completed, variables, the large ones in `rows`, and attributes."""
         q, v, limit, chord_tension = self.starts(0.0)  # no step: the rates at the start
-        self.q_rest = q
+        self.q_rest, self.v_rest = q, v
         choice = self._first_steps(limit, chord_tension)
         result: Variables = {}
-        targets = self._targets(rows, result)
+        targets = self.targets(rows, result, self.plan.times.size)
         count = limit.size
         attributes: dict[str, list[Any]] = {}
-        completed, lanes = np.zeros(count, dtype=bool), NumerovLanes(self, q, v)
+        completed, lanes = np.zeros(count, dtype=bool), Lanes(self, self.ends, FOURTH_ORDER, STABLE_PHASE[FOURTH_ORDER])
         keys = np.stack([choice.steps_per_second, choice.sample_intervals], axis=1)
         for rate, interval in np.unique(keys[self.active & (choice.steps_per_second > 0.0)], axis=0).tolist():
             group = np.flatnonzero(self.active & (keys == (rate, interval)).all(axis=1))
             compared = with_judged(self.plan.times, judged_instants(self.plan.times, rate))
             fine = OutputTimes.of(compared, 2.0 * rate).with_multiples(int(interval))
             numbers = 8 * fine.steps.size * (3 * q.shape[1] + 1 + self.load_rows)
-            most = max(VECTOR, MAX_SAVED // numbers // VECTOR * VECTOR)
+            most = max(LANES, MAX_SAVED // numbers // LANES * LANES)
             for begin in range(0, group.size, most):
                 part = group[begin : begin + most]
                 done = self._run_group(lanes, part, OutputTimes.of(compared, rate), fine, int(interval), targets)
@@ -123,24 +116,6 @@ class FittedBatch(MemberCoefficients):
         result["unstretched_length"] = (), self.total
         end_time = float(self.plan.times[-1])
         return completed, result | self.places(result), attributes | self.diagnostics(limit, end_time)
-
-    def _targets(self, rows: Rows, result: Variables) -> dict[str, np.ndarray]:
-        """Add the variables with many numbers to the result, and return their arrays."""
-        unit, outputs, times = self.plan.unit, self.plan.outputs, self.plan.times.size
-        links = unit.chain.links if self.plan.links is None else self.plan.links.size
-        shapes: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
-            f"amplitude{suffix}": (("time", "mode"), (times, unit.rank))
-            for suffix, _ in zip(pod_normal.SETS, unit.sets, strict=False)
-        }
-        if "tension" in outputs:
-            shapes["tension"] = ("time", "link"), (times, links)
-        if "position" in outputs:
-            shapes["position"] = ("time", "particle", "coordinate"), (times, unit.chain.links + 1, unit.chain.p.dims)
-        if "tension_extremes" in outputs:
-            shapes |= {f"tension_{which}": (("link",), (links,)) for which in ("minimum", "maximum")}
-        for name, (dims, shape) in shapes.items():
-            result[name] = dims, rows(name, dims, shape)
-        return {name: values for name, (_, values) in result.items()}
 
     @property
     def load_rows(self) -> int:
@@ -181,7 +156,7 @@ class FittedBatch(MemberCoefficients):
 
     def _run_group(
         self,
-        lanes: NumerovLanes,
+        lanes: Lanes,
         part: np.ndarray,
         coarse: OutputTimes,
         fine: OutputTimes,
@@ -189,10 +164,13 @@ class FittedBatch(MemberCoefficients):
         targets: dict[str, np.ndarray],
     ) -> _Done:
         """Run members with equal steps twice, estimate their errors, and fill their rows of the targets."""
-        unit, mass = self.plan.unit, self.parameters.mass[part] * self.total[part]
-        first = lanes.advance(part, coarse, extremes=False)
+        mass = self.parameters.mass[part] * self.total[part]
+        start = self.q_rest, self.v_rest
+        first = lanes.advance(part, coarse, *start, extremes=False, rates=True, loads=True)
         q_first, stable = first.q, first.completed
-        second = lanes.advance(part, fine, extremes="tension_extremes" in self.plan.outputs)
+        second = lanes.advance(
+            part, fine, *start, extremes="tension_extremes" in self.plan.outputs, rates=True, loads=True
+        )
         q = second.q
         runs = MemberRuns(self, part, second, interval)
         scale = motions_of(runs)
@@ -204,44 +182,8 @@ class FittedBatch(MemberCoefficients):
         if q.shape[1] > self.plan.times.size:  # also compared between the output times
             q = q[:, np.isin(fine.times, self.plan.times)]
         completed = stable & second.completed & (time_error <= tolerance)
-        for name, which, bases in zip(pod_normal.SETS, unit.sets, self.scaled.bases, strict=False):
-            turned = q[:, :, which] @ np.swapaxes(bases[part], 1, 2)
-            targets[f"amplitude{name}"][part, :, : turned.shape[2]] = turned
-            targets[f"amplitude{name}"][part, :, turned.shape[2] :] = 0.0
-        for name, values in (("tension_minimum", second.low), ("tension_maximum", second.high)):
-            if name in targets:
-                targets[name][part] = values
-        completed &= self._fill_fields(part, q, targets)
+        completed &= self.fill(part, np.ascontiguousarray(q), self.plan.times, second, targets)
         return _Done(completed, time_error, error + time_error, second)
-
-    def _fill_fields(self, part: np.ndarray, q: np.ndarray, targets: dict[str, np.ndarray]) -> np.ndarray:
-        """Fill positions and tensions of members; return whether they have a chord frame at all instants."""
-        has_frames = np.ones(part.size, dtype=bool)
-        if not {"position", "tension"} & set(targets):
-            return has_frames
-        from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
-
-        unit, p, times, count = self.plan.unit, self.parameters, self.plan.times, len(self.total)
-        dims, total = unit.chain.p.dims, self.total[part]
-        ends = self.ends.take(part)
-        accelerations = np.zeros((part.size, 2 * dims, 0))
-        if p.motions:
-            values = ends.positions(times, 2)
-            if p.mass_damping is not None:
-                values += p.damping[part, None, None, None] * ends.positions(times, 1)
-            accelerations = _rows_of_ends(values)
-        states = self.states
-        factors = states.uniform[part, None] + states.sag[part, None] * rest_profile(unit)
-        kernel.fields_of_members(
-            np.ascontiguousarray(q), _rows_of_ends(ends.positions(times)), accelerations, self.load[part],
-            self.reference[part], MAX_COSINE,
-            p.mass[part], p.stiffness[part], total[:, None] * unit.chain.length, self.scaled.named["shapes"][part],
-            unit.n_in_plane, self.scaled.named["chordwise_force_patterns"][part], factors,
-            np.arange(unit.chain.links) if self.plan.links is None else self.plan.links, part,
-            targets.get("position", np.empty((count, 0, 0, dims))), targets.get("tension", np.empty((count, 0, 0))),
-            has_frames,
-        )  # fmt: skip
-        return has_frames
 
     def _set_attributes(
         self, attributes: dict[str, list[Any]], part: np.ndarray, done: _Done, instants: OutputTimes
@@ -270,10 +212,4 @@ class _Done(NamedTuple):
     completed: np.ndarray  #: whether a run was stable and meets its tolerance (members,)
     time_error: np.ndarray  #: estimated time error as a fraction of the motion (members,)
     error: np.ndarray  #: estimated error (members,)
-    lanes: NumerovResults
-
-
-def _rows_of_ends(values: np.ndarray) -> np.ndarray:
-    """Return values of both ends (members, times, end, dims) as rows (members, 2 dims, times)."""
-    count, times, _, dims = values.shape
-    return np.ascontiguousarray(np.swapaxes(values.reshape(count, times, 2 * dims), 1, 2))
+    lanes: LaneResults

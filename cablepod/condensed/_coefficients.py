@@ -25,8 +25,6 @@ from cablepod.errors import SceneError
 ORDERS = ("leading", "exact", "inertial")
 #: Maximum condition number of the modes' mass products (above, the modes are linearly dependent up to rounding).
 MAX_MODE_CONDITION = 1e12
-#: Maximum condition number of the mass products of test functions and modes (above, the projection is ill-posed).
-MAX_TEST_CONDITION = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +42,6 @@ class Coefficients:
         np.ndarray, ...
     ]  #: modes of each set as given (mode, particle); sets: in plane, in space also out of plane
     quadrature: int | None = None  #: number of quadrature points of the chordwise stretch; None for the links
-    #: Test functions of each set as given (mode, particle); None for the modes themselves (Galerkin)
-    raw_test_functions: tuple[np.ndarray, ...] | None = None
-    second_order: bool = True  #: whether order "leading" has the terms of second order
 
     @cached_property
     def green(self) -> bool:
@@ -89,7 +84,7 @@ class Coefficients:
             slope, gram = np.diff(psi, axis=1) / self.chain.length, (psi * self.mass) @ psi.T
             _check_independent(gram)
             if self.reference_state is not None:
-                gram = gram + self._added_mass(slope, slope, k)
+                gram = gram + self._added_mass(slope, k)
                 values, vectors = orthogonal_coordinates((slope * self._slope_weights) @ slope.T, gram)
             else:
                 from scipy.linalg import eigh  # costly to import
@@ -99,12 +94,12 @@ class Coefficients:
             squares.append(values)
         return turns, np.concatenate(squares)
 
-    def _added_mass(self, test_slopes: np.ndarray, slopes: np.ndarray, k: int) -> np.ndarray:
-        """Return the chordwise inertia of the reference state for slopes of the deflection number `k` (tests, r)."""
+    def _added_mass(self, slopes: np.ndarray, k: int) -> np.ndarray:
+        """Return the chordwise inertia of the reference state for slopes of the deflection number `k` (r, r)."""
         chain, shear = self.chain, self.rest_shear[k]
         sag = 0.0 if self.reference_state is None else float(self.reference_state.sag)
         return (2.0 * sag * chain.p.mass) * chordwise_inertia(
-            test_slopes * shear, slopes * shear, chain.length, chain.arc_length, chain.tributary_length
+            slopes * shear, chain.length, chain.arc_length, chain.tributary_length
         )
 
     @property
@@ -136,7 +131,7 @@ class Coefficients:
 
         The distance of the ends is that over the duration of the scene, so that it does not depend on the instants of the output.
         """
-        if self.order != "leading" or not self.second_order:
+        if self.order != "leading":
             return None
         p, length = self.chain.p, self.chain.total_length
         end_time = min([p.duration or 0.0, *(motion.end for motion in p.motions.values())])
@@ -172,9 +167,7 @@ class Coefficients:
         weights = np.stack([chain.length, chain.length * shear**2])
         for psi in self.modes:
             slope = np.diff(psi, axis=1) / chain.length
-            inertia = chordwise_inertia(
-                slope * shear, slope * shear, chain.length, chain.arc_length, chain.tributary_length
-            )
+            inertia = chordwise_inertia(slope * shear, chain.length, chain.arc_length, chain.tributary_length)
             with_patterns = np.einsum("wn,an,in,jn->waij", weights, self.chordwise_force_patterns, slope, slope)
             gram = (psi * chain.tributary_length) @ psi.T
             _check_independent(gram)
@@ -195,46 +188,6 @@ class Coefficients:
     def slopes(self) -> np.ndarray:
         """Slopes of the shapes on the links (r, n)."""
         return np.diff(self.shapes, axis=1) / self.chain.length
-
-    @cached_property
-    def test_functions(self) -> np.ndarray:
-        """Test functions, bi-orthonormal in mass to the shapes (r, particle) [kg^-1/2]."""
-        if self.raw_test_functions is None:
-            return self.shapes
-        parts = []
-        for k, (psi, which) in enumerate(zip(self.raw_test_functions, self.sets, strict=False)):
-            gram = (psi * self.mass) @ self.shapes[which].T
-            if self.reference_state is not None:
-                gram = gram + self._added_mass(np.diff(psi, axis=1) / self.chain.length, self.slopes[which], k)
-            if gram.size and not np.linalg.cond(gram / np.abs(gram).max(axis=1, keepdims=True)) < MAX_TEST_CONDITION:
-                raise SceneError(
-                    "modes: given test functions that do not tell the modes apart; allowed: those of oblique.train"
-                )
-            parts.append(np.linalg.solve(gram, psi))
-        return np.concatenate(parts)
-
-    @cached_property
-    def test_stiffness_defect(self) -> np.ndarray | None:
-        """Stiffness of the test functions for H = 1 minus that of the modes (r, r) [1/(kg m)]; None for Galerkin."""
-        if self.raw_test_functions is None:
-            return None
-        stiffness = self._same_set * ((self.test_slopes * self._slope_weights) @ self.slopes.T)
-        return stiffness - np.diag(self.slope_norms_squared)
-
-    @cached_property
-    def test_slopes(self) -> np.ndarray:
-        """Slopes of the test functions on the links (r, n)."""
-        return (
-            self.slopes if self.raw_test_functions is None else np.diff(self.test_functions, axis=1) / self.chain.length
-        )
-
-    @cached_property
-    def frequency_amplification(self) -> float:
-        """Upper bound of the factor by which test functions raise squared frequencies."""
-        if self.test_stiffness_defect is None:
-            return 1.0
-        kappa = self.slope_norms_squared
-        return max(1.0, float(np.linalg.norm(np.eye(kappa.size) + self.test_stiffness_defect / kappa, 2)))
 
     @property
     def sets(self) -> tuple[slice, ...]:
@@ -281,7 +234,7 @@ class Coefficients:
     def geometric_stiffness(self) -> np.ndarray:
         """Geometric stiffness of each unit chordwise force pattern (patterns, r, r) [1/kg], point loads [1/(kg m)]."""
         products = np.einsum(
-            "an,n,in,jn->aij", self.chordwise_force_patterns, self._slope_weights, self.test_slopes, self.slopes
+            "an,n,in,jn->aij", self.chordwise_force_patterns, self._slope_weights, self.slopes, self.slopes
         )
         return products * self._same_set
 
@@ -303,13 +256,6 @@ class Coefficients:
         taus = CubicSpline(middles, self.chordwise_force_patterns, axis=1)(place)
         return self._at_points(self.shapes), np.ascontiguousarray(taus), 0.5 * chain.total_length * weights
 
-    @cached_property
-    def test_slopes_at_points(self) -> np.ndarray | None:
-        """Slopes of the test functions (r, m) at the points of `rule`; None for Galerkin."""
-        if self.raw_test_functions is None:
-            return None
-        return self.test_slopes if self.quadrature is None else self._at_points(self.test_functions)
-
     def _at_points(self, shapes: np.ndarray) -> np.ndarray:
         """Return slopes of smooth shapes (r, particle) at the quadrature points (r, m), by cubic splines."""
         from scipy.interpolate import CubicSpline  # costly to import
@@ -326,8 +272,8 @@ class Coefficients:
 
     @cached_property
     def load_projection(self) -> np.ndarray:
-        """Projection of unit normal load patterns onto the test functions (normals times patterns, r)."""
-        full = self.load_patterns @ self.test_functions.T
+        """Projection of unit normal load patterns onto the shapes (normals times patterns, r)."""
+        full = self.load_patterns @ self.shapes.T
         parts = []
         for which in self.sets:
             part = np.zeros_like(full)

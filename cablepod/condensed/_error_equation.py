@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._kernels_layout import ErrorTerms, ErrorWork, LeadingTerms
+from cablepod.condensed._terms import runtime_sizes
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
 
@@ -69,14 +71,28 @@ class _PointLoad(NamedTuple):
 
 
 class _Points(NamedTuple):
-    """Points along a cable of unit length."""
+    """Points along a cable of unit length and mass."""
 
     weights: np.ndarray
-    sigma: np.ndarray
-    masses: np.ndarray
-    share: float  #: part of its own stretch that displaces a point: half between particles, all at the particle above a link
+    #: chordwise inertia, of links its factors, see :attr:`Coefficients.inertia`; grows with the mass per length, and with the
+    #: length as `inertia_powers` say
+    inertia: np.ndarray
+    inertia_powers: np.ndarray  #: powers of the length, a column
     patterns: np.ndarray
     slopes: np.ndarray
+
+
+class Cables(NamedTuple):
+    """Numbers of cables (cables,)."""
+
+    stiffness: np.ndarray  #: K [N]
+    mass: np.ndarray  #: per unstretched length [kg/m]
+    damping: np.ndarray  #: by mass [1/s]
+    length: np.ndarray  #: L0 [m]
+
+
+#: Coefficients of an error equation that differ between cables.
+OF_CABLES = ("change", "weights", "force_patterns", "slopes_of_motion", "slopes", "inertia", "damping")
 
 
 def unit_coefficients(
@@ -124,7 +140,7 @@ def _unit_coefficients(
     unit = Coefficients(chain, "inertial", enriched_modes(sets, places))
     slopes, patterns = unit.slopes, unit.chordwise_force_patterns
     if not 0 < points < chain.links:
-        return unit, _Points(chain.length, places[1:], unit.mass[1:], 1.0, patterns, slopes)
+        return unit, _Points(chain.length, unit.inertia, np.array([[1.0], [0.0]]), patterns, slopes)
     nodes, weights = np.polynomial.legendre.leggauss(points)
     middles, at = 0.5 * (places[1:] + places[:-1]), 0.5 * (1.0 + nodes)
     left = np.clip(np.searchsorted(middles, at) - 1, 0, middles.size - 2)
@@ -133,7 +149,77 @@ def _unit_coefficients(
     def interpolated(values: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(values[:, left] * (1.0 - fraction) + values[:, left + 1] * fraction)
 
-    return unit, _Points(0.5 * weights, at, 0.5 * weights, 0.5, interpolated(patterns), interpolated(slopes))
+    # a point moves by the stretches below it and half of its own, less sigma times all
+    displacement = (np.tri(points, k=-1) + 0.5 * np.eye(points) - at[:, None]) * (0.5 * weights)
+    inertia = np.ascontiguousarray((displacement.T * (0.5 * weights)) @ displacement)
+    return unit, _Points(0.5 * weights, inertia, np.array([[3.0]]), interpolated(patterns), interpolated(slopes))
+
+
+def scaled_terms(
+    unit: Coefficients,
+    at: _Points,
+    cables: Cables,
+    load: np.ndarray,
+    change: np.ndarray,
+    in_plane: int,
+    *,
+    leading: bool,
+    green: bool,
+) -> ErrorTerms:
+    """Return the coefficients of the error equations of cables from those of unit length and mass, with a leading dimension.
+
+    Parameters
+    ----------
+    unit, at
+        Coefficients of the enriched model, and points along the cable, of unit length and mass.
+    cables
+        Numbers of the cables.
+    load
+        Factor of each load pattern (cables, patterns).
+    change, in_plane
+        Matrices from the coordinates of the motion to the enriched ones (cables, R, r), and the number of the motion's in plane.
+    leading, green
+        Whether the motion obeys the closure to leading order; whether law (21) holds.
+    """
+    count, size, normals = len(load), change.shape[1], len(unit.load_projection) // load.shape[1]
+    length, mass = cables.length[:, None], cables.mass[:, None]
+    shape = 1.0 / np.sqrt(mass * length)
+    slopes = (shape / length)[..., None] * at.slopes
+    matrices = (load * shape * shape / length)[:, :, None, None] * unit.geometric_stiffness
+    projection = (np.tile(load, normals) * shape)[:, :, None] * unit.load_projection
+    enriched = LeadingTerms(
+        cables.stiffness[:, None],
+        1.0 / length,
+        0.5 * cables.stiffness[:, None] / length,
+        unit.slope_norms_squared * (shape * shape / length),
+        load * unit.mean_chordwise_forces,
+        matrices.reshape(count, -1),
+        projection.reshape(count, -1),
+    )
+    powers = at.inertia_powers
+    return ErrorTerms(
+        sizes=runtime_sizes(size, load.shape[1], len(unit.load_projection)),
+        enriched=enriched,
+        change=change,
+        weights=length * at.weights,
+        force_patterns=np.ascontiguousarray(at.patterns.T * load[:, None, :]),
+        slopes_of_motion=np.swapaxes(slopes, 1, 2) @ change,
+        slopes=slopes,
+        in_plane=in_plane,
+        enriched_in_plane=unit.n_in_plane,
+        inertia=mass[..., None] ** (powers > 0.0) * length[..., None] ** powers * at.inertia,
+        damping=cables.damping,
+        green=green,
+        leading=leading,
+        corrections=CORRECTIONS_LEADING if leading else CORRECTIONS,
+    )
+
+
+def terms_of_cable(terms: ErrorTerms, number: int) -> ErrorTerms:
+    """Return the coefficients of one cable of many."""
+    enriched = LeadingTerms(*(array[number] for array in terms.enriched))
+    own = {name: getattr(terms, name)[number] for name in OF_CABLES}
+    return terms._replace(enriched=enriched, **own)
 
 
 @dataclass(frozen=True)
@@ -141,7 +227,7 @@ class ErrorEquation:
     """Error equation of a motion in the enriched model of a chain."""
 
     chain: LumpedChain
-    arguments: tuple[tuple[Any, ...], ...]  #: constants, points and coefficients of the kernels
+    terms: ErrorTerms
     projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
     slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
     shapes: np.ndarray  #: enriched shapes (R, particle) [kg^-1/2]
@@ -174,55 +260,47 @@ class ErrorEquation:
         """
         p, length = chain.p, chain.total_length
         unit, at = unit_coefficients(sets, chain.arc_length / length, p, points)
-        # powers of mass and length: of the shapes, their slopes, and the loads (point loads do not grow with the length)
         shape = 1.0 / math.sqrt(p.mass * length)
         load = np.ones(len(unit.load_patterns))
-        load[: load.size - len(p.point_loads)] = length
+        load[: load.size - len(p.point_loads)] = length  # point loads do not grow with the length
         projection = unit.shapes * unit.mass / shape
         change = projection @ shapes.T
         change[: unit.n_in_plane, in_plane:] = change[unit.n_in_plane :, :in_plane] = 0.0
-        slopes = (shape / length) * at.slopes
-        stiffness = (load * shape * shape / length)[:, None, None] * unit.geometric_stiffness
-        constants = (
-            p.stiffness, length, p.mass_damping or 0.0, chain.green, leading,
-            CORRECTIONS_LEADING if leading else CORRECTIONS, in_plane, unit.n_in_plane,
-        )  # fmt: skip
-        arguments = (
-            constants,
-            (
-                length * at.weights, at.sigma, p.mass * length * at.masses, at.share, load[:, None] * at.patterns,
-                np.ascontiguousarray(change.T @ slopes), slopes,
-            ),
-            (
-                change, unit.slope_norms_squared * (shape * shape / length), load * unit.mean_chordwise_forces, stiffness,
-                stiffness @ change, np.tile(load, p.dims - 1)[:, None] * shape * unit.load_projection,
-            ),
-        )  # fmt: skip
-        return cls(chain, arguments, projection, (shape / length) * unit.slopes, shape * unit.shapes)
+        numbers = (p.stiffness, p.mass, p.damping, length)
+        cables = Cables(*(np.array([number], dtype=float) for number in numbers))
+        terms = scaled_terms(
+            unit, at, cables, load[None], change[None], in_plane, leading=leading, green=bool(chain.green)
+        )
+        terms = terms_of_cable(terms, 0)
+        return cls(chain, terms, projection, (shape / length) * unit.slopes, shape * unit.shapes)
 
     @property
     def change(self) -> np.ndarray:
         """Matrix from the coordinates of the motion to the enriched ones (R, r)."""
-        return self.arguments[2][0]
+        return self.terms.change
 
     @property
     def enriched_in_plane(self) -> int:
         """Number of in-plane coordinates of the enriched model."""
-        return int(self.arguments[0][7])
+        return self.terms.enriched_in_plane
 
     def with_forces(self, damping: float = 0.0) -> ErrorEquation:
         """Return the equation with further forces on the enriched coordinates and further damping of the error [1/s].
 
         The forces (R) are further columns of the boundary data.
         """
-        constants, points, coefficients = self.arguments
-        constants = (*constants[:2], constants[2] + damping, *constants[3:])
-        forces = np.concatenate([coefficients[-1], np.eye(len(self.change))])
-        return replace(self, arguments=(constants, points, (*coefficients[:-1], forces)))
+        terms, size = self.terms, len(self.change)
+        loads = np.concatenate([terms.enriched.load_projection, np.eye(size).ravel()])
+        terms = terms._replace(
+            sizes=runtime_sizes(size, len(terms.sizes.patterns), loads.size // size),
+            enriched=terms.enriched._replace(load_projection=loads),
+            damping=float(terms.damping) + damping,
+        )
+        return replace(self, terms=terms)
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, particle) [m] onto the enriched coordinates (R,)."""
-        in_plane = self.arguments[0][7]
+        in_plane = self.enriched_in_plane
         parts = [self.projection[:in_plane] @ deflection[0]]
         parts += [self.projection[in_plane:] @ part for part in deflection[1:]]
         return np.concatenate(parts)
@@ -231,9 +309,25 @@ class ErrorEquation:
         """Return the distance to the enriched equilibrium from coordinates (r,); zero where Newton's method finds none."""
         from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
-        error = np.empty(len(self.change))
-        found = kernel.error_at_rest(q[None], static_boundary_data[None], *self.arguments, error)
-        return error if found else np.zeros_like(error)
+        terms, size, still = self.terms, len(self.change), np.zeros((1, q.size))
+        drive = self._drive((q[None], still, still), static_boundary_data[None])
+        y, difference, change, _ = (array[0] for array in drive)
+        vectors, tangent = np.empty((3, size)), np.empty((size, size))
+        found = kernel.error_at_rest(
+            terms.enriched, terms.leading, static_boundary_data, y, difference, change, vectors, tangent, np.empty(1)
+        )
+        return vectors[0].copy() if found else np.zeros(size)
+
+    def _drive(
+        self, motion: tuple[np.ndarray, np.ndarray, np.ndarray], boundary_data: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Return what drives the error, as :func:`cablepod.condensed._kernels_error.exact_differences` fills it."""
+        from cablepod.condensed import _kernels_error as kernel
+
+        samples, size = len(boundary_data), len(self.change)
+        drive = np.empty((samples, size)), np.empty((samples, size)), np.empty(samples), np.empty(samples)
+        kernel.exact_differences(self.terms, boundary_data, *motion, ErrorWork.of(self.terms), *drive)
+        return drive
 
     def mean_squares(
         self,
@@ -264,10 +358,14 @@ class ErrorEquation:
         """
         from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
+        boundary_data, terms = np.ascontiguousarray(boundary_data), self.terms
         squares, largest = np.empty(len(motion[0])), np.zeros(initial_error.size + 1)
+        vectors = np.zeros((7, initial_error.size))
+        vectors[0], vectors[1] = initial_error, initial_rate
         kernel.error_growth(
-            *motion, boundary_data, interval, *self.arguments, initial_error, initial_rate, squares, largest
-        )
+            terms.sizes, terms.enriched, terms.leading, terms.damping, interval, boundary_data,
+            *self._drive(motion, boundary_data), vectors, squares, largest,
+        )  # fmt: skip
         squares /= self.chain.p.mass * self.chain.total_length
         if not squares.max() < math.inf:
             squares[np.isnan(squares)] = math.inf
@@ -279,7 +377,7 @@ class ErrorEquation:
         square, chain = float(error @ error), self.chain
         if not 0.0 < square < math.inf:
             return 0.0
-        in_plane, stretch = self.arguments[0][7], np.zeros(chain.links)
+        in_plane, stretch = self.enriched_in_plane, np.zeros(chain.links)
         for which in (slice(in_plane), slice(in_plane, None)):
             stretch -= (q[which] @ self.slopes[which]) * (error[which] @ self.slopes[which])
         along = np.cumsum(stretch * chain.length)

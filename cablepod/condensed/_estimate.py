@@ -102,10 +102,10 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     if model.order != "leading" and len(motion[0]) > 2:
         forces, displaced = Neglected(model, equation).of(motion, np.arange(len(motion[0])) / rate)
         further.append((forces, 0.0))
-    if air is not None or model.chain.p.tension_damping is not None:
+    if air is not None or model.chain.p.tension_damping is not None or model.chain.p.damping_ratios is not None:
         times = np.arange(len(motion[0])) / rate
         q, rates, accelerations = motion
-        forces, damping = forces_by_rates(equation, air, times, q, rates, boundary_data)
+        forces, damping = forces_by_rates(equation, model, air, times, q, rates, boundary_data)
         motion = q, rates, accelerations - damping * rates  # the kernel adds the damping of the error to the motion
         further.append((forces, damping))
     for forces, damping in further:

@@ -1,4 +1,4 @@
-"""Forces that depend on the rates in the error estimate: damping by the tension, drag of the wind."""
+"""Forces that depend on the rates in the error estimate: damping by the tension and by ratios, drag of the wind."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import numpy as np
 
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate_air import EnrichedDrag
+from cablepod.discretisation._modal_damping import modal_damping
 
 if TYPE_CHECKING:
     from cablepod.condensed._error_equation import ErrorEquation
+    from cablepod.condensed._model import CondensedModel
 
 
 def forces_by_rates(
     equation: ErrorEquation,
+    model: CondensedModel,
     air: CondensedAir | None,
     times: np.ndarray,
     q: np.ndarray,
@@ -27,6 +30,8 @@ def forces_by_rates(
     ----------
     equation
         Error equation of the model.
+    model
+        Model of the motion.
     air
         Air along the cable; None for still air.
     times
@@ -39,10 +44,27 @@ def forces_by_rates(
     forces, damping = np.zeros((len(q), len(equation.change))), 0.0
     if equation.chain.p.tension_damping is not None:
         forces, damping = _damping_by_tension(equation, q, rates, boundary_data)
+    if equation.chain.p.damping_ratios is not None:
+        matrix = enriched_damping(equation, model)
+        forces -= rates @ (matrix @ equation.change).T
+        damping += max(float(np.linalg.eigvalsh(matrix)[0]), 0.0)
     if air is not None:
         drag, of_drag = EnrichedDrag.of(equation, air).forces(times, q, rates, boundary_data)
         forces, damping = forces + drag, damping + of_drag
     return forces, damping
+
+
+def enriched_damping(equation: ErrorEquation, model: CondensedModel) -> np.ndarray:
+    """Return the damping matrix of the ratios on the enriched coordinates (R, R) [1/s].
+
+    The stiffness is that of the enriched model to leading order at rest, where the motion's model rests.
+    """
+    from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+
+    size = len(equation.change)
+    force, stiffness, at_rest = np.empty(size), np.empty((size, size)), equation.change @ model.rest
+    kernel.leading_force(equation.terms.enriched, model.static_boundary_data, at_rest, force, stiffness, np.empty(1))
+    return modal_damping(model.chain.p.damping_ratios or (), stiffness, np.ones(size))
 
 
 def _damping_by_tension(
@@ -52,15 +74,17 @@ def _damping_by_tension(
 
     The error is damped as its slowest mode, with the mean of H, by which faster modes are damped too little.
     """
-    p, length = equation.chain.p, equation.chain.total_length
-    beta = p.tension_damping or 0.0
-    change, kappa, mean_forces, _, coupled, _ = equation.arguments[2]
-    loads = boundary_data[:, 1 : 1 + mean_forces.size]
-    sag = 0.5 * (q @ change.T) ** 2 @ kappa
-    chord_tension = p.stiffness * ((boundary_data[:, 0] + sag) / length - 1.0) - loads @ mean_forces
-    forces = chord_tension[:, None] * (kappa * (rates @ change.T))
-    for load, stiffness in zip(loads.T, coupled, strict=True):
-        forces += load[:, None] * (rates @ stiffness.T)
+    p, change, terms = equation.chain.p, equation.change, equation.terms.enriched
+    beta, size, kappa = p.tension_damping or 0.0, len(change), terms.kappa
+    loads = boundary_data[:, 1 : 1 + terms.mean_chordwise_forces.size]
+    motion, moving = q @ change.T, rates @ change.T
+    straight = (
+        p.stiffness * (boundary_data[:, 0] / equation.chain.total_length - 1.0) - loads @ terms.mean_chordwise_forces
+    )
+    chord_tension = straight + terms.sag_stiffness[0] * (motion**2 @ kappa)
+    forces = chord_tension[:, None] * (kappa * moving)
+    for load, stiffness in zip(loads.T, terms.geometric_stiffness.reshape(-1, size, size), strict=True):
+        forces += load[:, None] * (moving @ stiffness.T)
     forces[chord_tension <= 0.0] = 0.0
     damping = beta * max(float(chord_tension.mean()), 0.0) * float(kappa.min())
     return -beta * forces, damping

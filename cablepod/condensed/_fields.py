@@ -28,8 +28,6 @@ class CondensedTrajectory:
     extremes: Extremes  #: minimum and maximum of the link tensions (n,) [N]
     monitor: np.ndarray  #: extremes of the run, rows as in ``_kernels_layout``
     scheme: str
-    #: Tensions of the selected links at the instants (times, links) [N]; None where they were not computed on the way
-    tension: np.ndarray | None = None
     sample_interval: int = 0  #: number of steps between the samples of the error estimate, all saved; 0 without samples
     boundary_data: np.ndarray | None = None  #: boundary data of the saved steps (steps, columns); None where not kept
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
@@ -56,10 +54,10 @@ class CondensedTrajectory:
         if times.size == self.instants.times.size:
             return self
         rows = np.isin(self.instants.times, times)
-        tension, closed = None if self.tension is None else self.tension[rows], self.closed
+        closed = self.closed
         if closed is not None:
             closed = closed[0][rows], closed[1][rows], closed[2][rows], closed[3][:, rows]
-        return replace(self, instants=self.instants.only(times), tension=tension, closed=closed)
+        return replace(self, instants=self.instants.only(times), closed=closed)
 
     @property
     def saved_rates(self) -> np.ndarray:
@@ -221,15 +219,14 @@ def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, l
         stretch, force, squared, _ = close_chord(model, q, times, model.chain.p.end_positions(times))
         tension = link_tensions(model, stretch, force, squared)
         return tension if links is None else tension[:, links]
-    boundary_data = model.boundary_data_at(times)
-    loads = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)]
-    k, length = model.chain.p.stiffness, model.chain.total_length
-    sag = 0.5 * (q * q) @ model.slope_norms_squared
-    chord_tension = k * ((boundary_data[:, 0] + sag) / length - 1.0) - loads @ model.mean_chordwise_forces
-    slopes = (q[:, which] @ model.slopes[which][:, links] for which in model.sets)
-    return (chord_tension[:, None] + loads @ model.chordwise_force_patterns[:, links]) * np.sqrt(
-        1.0 + sum(slope * slope for slope in slopes)
-    )
+    from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
+
+    tension = np.empty((len(q), links.size))
+    tables = (np.ascontiguousarray(table[:, links]) for table in (model.slopes, model.chordwise_force_patterns))
+    slopes, patterns = tables
+    q = np.ascontiguousarray(q)
+    kernel.link_tensions(model.terms, model.boundary_data_at(times), q, slopes, model.n_in_plane, patterns, tension)
+    return tension
 
 
 def tension_means(

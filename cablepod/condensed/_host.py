@@ -63,7 +63,7 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
 
     `air` is that along the cable; None for still air.
     """
-    chain, p, r = model.chain, model.chain.p, len(model.shapes)
+    chain, p, terms, bounds = model.chain, model.chain.p, model.terms, model.bounds()
     patterns, length, total = model.chordwise_force_patterns, chain.length, chain.total_length
     arms = total - chain.tributary_length[0] - patterns[0]
     moments = p.mass * model.load_projection[1 :: layout.PATTERNS].sum(axis=0)
@@ -71,6 +71,7 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
     numbers = np.zeros(layout.NUMBERS)
     numbers[[layout.STIFFNESS, layout.LENGTH, layout.MASS]] = p.stiffness, total, p.mass
     numbers[layout.DAMPING] = p.mass_damping or 0.0
+    numbers[[layout.INVERSE_LENGTH, layout.SAG_STIFFNESS]] = terms.inverse_length[0], terms.sag_stiffness[0]
     numbers[layout.FIRST_TRIBUTARY], numbers[layout.SECOND_MOMENT] = chain.tributary_length[0], second_moment
     numbers[layout.REACH_MOMENT] = length @ arms
     numbers[[layout.SHORTEST, layout.LONGEST]] = np.multiply(CHORD_RANGE, total)
@@ -83,17 +84,14 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
     for k, which in enumerate(model.sets):
         numbers[layout.END_MASS + 1 + k] = p.mass * second_moment - (moments[which] ** 2).sum()
     slope_moments = np.einsum("an,n,in->ai", patterns, length, model.slopes)
-    by_pattern = (model.mean_chordwise_forces, model.geometric_stiffness_norms, at_end, patterns @ (length * arms))
-    by_point = np.empty((layout.SLOPES + r, 0))
-    if model.order != "leading":
-        by_point = np.vstack([length, arms, patterns, model.slopes])
+    by_pattern = terms.mean_chordwise_forces, bounds.norms, at_end, patterns @ (length * arms), bounds.candidates
     return HostCoefficients(
-        np.array([r, p.dims, model.n_in_plane, model.reference]),
+        np.array([len(model.shapes), p.dims, model.n_in_plane, model.reference]),
         numbers,
-        np.ascontiguousarray(model.geometric_stiffness),
-        np.vstack([model.slope_norms_squared, moments, slope_moments, model.load_projection]),
-        np.ascontiguousarray(np.vstack([*by_pattern, model.chordwise_forces_at_candidates.T])),
-        by_point,
+        terms.geometric_stiffness,
+        terms.load_projection,
+        np.vstack([terms.kappa, moments, slope_moments]),
+        np.vstack(by_pattern),
         None if air is None else _host_air(air),
     )
 
@@ -137,22 +135,20 @@ def initial_state(model: CondensedModel, coefficients: HostCoefficients, air: Co
     SceneError
         For ends too near to each other, or a model without equilibrium.
     """
-    p, r = model.chain.p, len(model.shapes)
-    columns = max(MONITOR_ROWS, 1 + layout.PATTERNS * p.dims, r, coefficients.by_point.shape[1])
-    rows = layout.LEADING_ROWS if model.order == "leading" else layout.EXACT_ROWS
+    from cablepod.condensed import _kernels_host as kernel  # numba is imported only to compute
+
+    p, r, rows = model.chain.p, len(model.shapes), layout.ROWS
+    columns = max(layout.LEAST_FORCE + 1, 1 + layout.PATTERNS * p.dims, r)
     if coefficients.air is not None:
         columns = max(columns, coefficients.air.sigma.size)
-        rows += layout.AIR_VELOCITY + 2 * p.dims
+        rows = layout.AIR_VELOCITY + 2 * p.dims
     state = np.zeros((rows, columns))
     q, _ = model.initial() if air is None else air.initial()
     upper = np.ascontiguousarray(p.end_positions(np.zeros(1))[0, 1])
     state[layout.Q, :r], state[layout.END, : p.dims] = q, upper
-    static = model.static_boundary_data
-    state[layout.MONITOR, :MONITOR_ROWS] = initial_monitor(np.inf, model.tension_guess(static, q))
-    state[layout.MONITOR, MAX_OMEGA_SQUARED] = 0.0
-    state[[layout.PREDICTED_STRETCH, layout.LAST_STRETCH]] = model.stretch_guess(static)
+    state[layout.MONITOR, :MONITOR_ROWS] = initial_monitor(np.inf, 0.0)
     result = state.copy()
-    status = step_kernel(model.order)(coefficients, state, result, upper, np.zeros(p.dims), np.empty(0), 0.0)
+    status = kernel.leading_trial(coefficients, state, result, upper, np.zeros(p.dims), np.empty(0), 0.0)
     if status == layout.CHORD_OUT_OF_RANGE:
         chord, length = float(np.linalg.norm(upper - p.lower)), model.chain.total_length
         raise scene_error("ends", chord, chord_range_text(length))
@@ -162,13 +158,6 @@ def initial_state(model: CondensedModel, coefficients: HostCoefficients, air: Co
         )
     result[layout.CLOCK] = 0.0
     return result
-
-
-def step_kernel(order: str) -> Any:
-    """Return the compiled step of an order."""
-    from cablepod.condensed import _kernels_host as kernel  # numba is imported only to compute
-
-    return kernel.leading_trial if order == "leading" else kernel.exact_trial
 
 
 def chord_range_text(length: float) -> str:

@@ -36,6 +36,28 @@ SAFE_RTOL = 1e-7
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
+def _newton_green(strain, squared, stretch):
+    """Return Newton's correction of the chordwise stretch zeta' by law (21), its derivative by N / K, and its curvature.
+
+    The law is N / K = zeta' (xi^2 - 1) / 2 with xi^2 = zeta'^2 + w'^2, for a given N / K `strain` and w'^2 `squared`; the
+    curvature is half the second derivative over the first.
+    """
+    inverse_tangent = 1.0 / (3.0 * stretch * stretch + squared - 1.0)
+    correction = (2.0 * strain - stretch * (stretch * stretch + squared - 1.0)) * inverse_tangent
+    return correction, 2.0 * inverse_tangent, abs(3.0 * stretch * inverse_tangent)
+
+
+@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
+def _newton_linear(strain, squared, stretch):
+    """Do :func:`_newton_green` by the linear law N / K = zeta' (1 - 1 / xi), with two divisions, which take most of the time."""
+    inverse = 1.0 / math.sqrt(stretch * stretch + squared)
+    bending = squared * inverse * inverse * inverse
+    inverse_tangent = 1.0 / (1.0 - bending)
+    correction = (strain - stretch * (1.0 - inverse)) * inverse_tangent
+    return correction, inverse_tangent, abs(1.5 * stretch * bending * inverse * inverse * inverse_tangent)
+
+
+@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
 def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
     """Solve the closure for H and the chordwise stretch by Newton's method.
 
@@ -59,37 +81,33 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
     """
     m, flexibility = stretch.size, 1.0 / stiffness
     for _ in range(MAX_ITERATIONS):
-        # few divisions, because they take most of the time
         if green:
             for j in range(m):
-                chordwise_force = chord_tension + work[LOAD_FORCE, j]
-                inverse_tangent = 1.0 / (3.0 * stretch[j] * stretch[j] + work[SLOPE_SQUARED, j] - 1.0)
-                work[RESIDUAL, j] = (
-                    2.0 * chordwise_force * flexibility
-                    - stretch[j] * (stretch[j] * stretch[j] + work[SLOPE_SQUARED, j] - 1.0)
-                ) * inverse_tangent
-                work[FORCE, j] = chordwise_force
-                work[COMPLIANCE, j] = 2.0 * flexibility * inverse_tangent
-                work[CURVATURE, j] = abs(3.0 * stretch[j] * inverse_tangent)
+                work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
+                correction, derivative, curvature = _newton_green(
+                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
+                )
+                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
+                    correction,
+                    derivative * flexibility,
+                    curvature,
+                )
         else:
             for j in range(m):
-                chordwise_force = chord_tension + work[LOAD_FORCE, j]
-                inverse_stretch = 1.0 / math.sqrt(stretch[j] * stretch[j] + work[SLOPE_SQUARED, j])
-                bending = work[SLOPE_SQUARED, j] * inverse_stretch * inverse_stretch * inverse_stretch
-                inverse_tangent = 1.0 / (1.0 - bending)
-                work[RESIDUAL, j] = (
-                    chordwise_force * flexibility - stretch[j] * (1.0 - inverse_stretch)
-                ) * inverse_tangent
-                work[FORCE, j] = chordwise_force
-                work[COMPLIANCE, j] = flexibility * inverse_tangent
-                work[CURVATURE, j] = abs(
-                    1.5 * stretch[j] * bending * inverse_stretch * inverse_stretch * inverse_tangent
+                work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
+                correction, derivative, curvature = _newton_linear(
+                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
                 )
-        reach, total_compliance = 0.0, 0.0
+                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
+                    correction,
+                    derivative * flexibility,
+                    curvature,
+                )
+        reach, compliance = 0.0, 0.0
         for j in range(m):
             reach += weights[j] * (stretch[j] + work[RESIDUAL, j])
-            total_compliance += weights[j] * work[COMPLIANCE, j]
-        tension_change = (chord - reach) / total_compliance
+            compliance += weights[j] * work[COMPLIANCE, j]
+        tension_change = (chord - reach) / compliance
         chord_tension += tension_change
         # second-order error of the correction, twice: the tangents are those of the old stretch
         residual = 0.0
@@ -98,16 +116,16 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
             stretch[j] += correction
             work[FORCE, j] += tension_change
             residual += weights[j] * work[CURVATURE, j] * correction * correction
-        if 2.0 * residual / abs(total_compliance) <= CLOSURE_RTOL * abs(chord_tension) + CLOSURE_ATOL * stiffness:
+        if 2.0 * residual / abs(compliance) <= CLOSURE_RTOL * abs(chord_tension) + CLOSURE_ATOL * stiffness:
             return chord_tension
         if not abs(tension_change) < np.inf:
             break
     return np.nan
 
 
-@compiled(inline="always")
-def _chordwise_momentum(stretching, weights, inertia, momentum):
-    """Multiply rates of stretch (m,) by the chordwise mass matrix, into `momentum` (m,) [kg m^2].
+@compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
+def _chordwise_momentum(count, stretching, weights, inertia, momentum):
+    """Multiply rates of stretch (m, count) by the chordwise mass matrix, into `momentum` (m, count) [kg m^2], side by side.
 
     `inertia` is the full matrix (m, m) at quadrature points, or (2, m) its factors on links: a link that stretches moves all
     particles above it, minus a uniform contraction that keeps the chord length.
@@ -115,24 +133,25 @@ def _chordwise_momentum(stretching, weights, inertia, momentum):
     m = weights.size
     if inertia.shape[0] != 2:  # full matrix, at quadrature points
         for j in range(m):
-            total = 0.0
+            for t in range(count):
+                momentum[j, t] = 0.0
             for k in range(m):
-                total += inertia[j, k] * stretching[k]
-            momentum[j] = total
+                for t in range(count):
+                    momentum[j, t] += inertia[j, k] * stretching[k, t]
         return
-    total = 0.0
-    for j in range(m):
-        total += weights[j] * stretching[j]
-        momentum[j] = total
-    mean = 0.0
-    for j in range(m):
-        momentum[j] = inertia[0, j] * (momentum[j] - inertia[1, j] * total)
-        mean += inertia[1, j] * momentum[j]
-    above = -mean
-    for back in range(m):
-        j = m - 1 - back
-        above += momentum[j]
-        momentum[j] = weights[j] * above
+    for t in range(count):
+        total, mean = 0.0, 0.0
+        for j in range(m):
+            total += weights[j] * stretching[j, t]
+            momentum[j, t] = total
+        for j in range(m):
+            momentum[j, t] = inertia[0, j] * (momentum[j, t] - inertia[1, j] * total)
+            mean += inertia[1, j] * momentum[j, t]
+        above = -mean
+        for back in range(m):
+            j = m - 1 - back
+            above += momentum[j, t]
+            momentum[j, t] = weights[j] * above
 
 
 @compiled

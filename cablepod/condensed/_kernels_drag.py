@@ -7,22 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
-
-#: Velocity of the air along the chord and two normals, and slopes of both deflections: rows of the work array of the drag.
-AIR_ROWS = 5
-
-
-@compiled(inline="always")
-def _add_tension_damping(u, boundary_data, row, chord_tension, kappa, geometric_stiffness, tension_damping, f):
-    """Subtract tension_damping times geometric stiffness times rates u from the accelerations f (r,); 0 for a slack cable."""
-    if chord_tension > 0.0:
-        for i in range(u.size):
-            total = chord_tension * kappa[i] * u[i]
-            for a in range(geometric_stiffness.shape[0]):
-                for j in range(u.size):
-                    total += boundary_data[row, 1 + a] * geometric_stiffness[a, i, j] * u[j]
-            f[i] -= tension_damping * total
+from cablepod.condensed._kernels_layout import AIR_ROWS, POINTS_IN_VECTOR
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
@@ -50,16 +35,16 @@ def _add_motion(first, last, q, u, slopes, shapes, slope, velocity):
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _add_projection(first, last, tests, force, f):
-    """Add the forces at the points times the test functions to the accelerations f `first` ... `last` - 1."""
+def _add_projection(first, last, shapes, force, f):
+    """Add the forces at the points times the shapes to the accelerations f `first` ... `last` - 1."""
     for i in range(first, last, 4):
         b, c, d = min(i + 1, last - 1), min(i + 2, last - 1), min(i + 3, last - 1)
         f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
         for g in range(force.size):
-            f0 += tests[i, g] * force[g]
-            f1 += tests[b, g] * force[g]
-            f2 += tests[c, g] * force[g]
-            f3 += tests[d, g] * force[g]
+            f0 += shapes[i, g] * force[g]
+            f1 += shapes[b, g] * force[g]
+            f2 += shapes[c, g] * force[g]
+            f3 += shapes[d, g] * force[g]
         f[i] += f0
         if i + 1 < last:
             f[b] += f1
@@ -124,8 +109,8 @@ def _add_drag(
     drag : float array (points,)
         Quadrature weights [m] times c, half the density of the air times drag coefficient and diameter [kg/m2]; 0 at points that
         fill up a vector.
-    shapes : float array (3, r, points)
-        Shapes of the coordinates, their slopes, and the test functions.
+    shapes : float array (2, r, points)
+        Shapes of the coordinates, and their slopes.
     n_in_plane : int
         Number of in-plane coordinates.
     sigma, moments : float arrays (points,), (2,), or None
@@ -137,10 +122,10 @@ def _add_drag(
         slope_out[:] = 0.0
         _add_motion(n_in_plane, q.size, q, u, shapes[1], shapes[0], slope_out, binormal)
         _spatial_drag(stretch, exact, drag, along, normal, binormal, slope, slope_out)
-        _add_projection(n_in_plane, q.size, shapes[2], binormal, f)
+        _add_projection(n_in_plane, q.size, shapes[0], binormal, f)
     else:
         _planar_drag(stretch, exact, drag, along, normal, slope)
-    _add_projection(0, n_in_plane, shapes[2], normal, f)
+    _add_projection(0, n_in_plane, shapes[0], normal, f)
     if moments is not None:
         moments[0], moments[1] = 0.0, 0.0
         for g in range(drag.size):
@@ -183,11 +168,11 @@ def _add_four(f, first, last, f0, f1, f2, f3):
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, shapes, slopes, tests, n_in_plane, f):
+def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, shapes, slopes, n_in_plane, f):
     """Add the drag to the accelerations of at most four coordinates in each plane: :func:`_add_drag` in one loop.
 
     Nothing is stored between its parts, of which each would wait for the one before.  `before` and `after`, two samples of the
-    air, are ((1 + normals) points,), `shapes`, `slopes` and `tests` (r, points); `spatial` is True or None.
+    air, are ((1 + normals) points,), `shapes` and `slopes` (r, points); `spatial` is True or None.
     """
     points, n, size = (
         drag.size // POINTS_IN_VECTOR * POINTS_IN_VECTOR,
@@ -223,14 +208,14 @@ def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, 
             factor = drag[g] * math.sqrt(along_w * along_w + normal_w * normal_w + binormal_w * binormal_w) / square
             force = factor * (binormal_w * chordwise - along_w * slope_out)
             force_out = factor * (along_w * slope - normal_w * chordwise)
-            g0 += tests[rows_out[0], g] * force_out
-            g1 += tests[rows_out[1], g] * force_out
-            g2 += tests[rows_out[2], g] * force_out
-            g3 += tests[rows_out[3], g] * force_out
-        f0 += tests[rows[0], g] * force
-        f1 += tests[rows[1], g] * force
-        f2 += tests[rows[2], g] * force
-        f3 += tests[rows[3], g] * force
+            g0 += shapes[rows_out[0], g] * force_out
+            g1 += shapes[rows_out[1], g] * force_out
+            g2 += shapes[rows_out[2], g] * force_out
+            g3 += shapes[rows_out[3], g] * force_out
+        f0 += shapes[rows[0], g] * force
+        f1 += shapes[rows[1], g] * force
+        f2 += shapes[rows[2], g] * force
+        f3 += shapes[rows[3], g] * force
     _add_four(f, 0, n, f0, f1, f2, f3)
     if spatial is not None:
         _add_four(f, n, size, g0, g1, g2, g3)
@@ -247,14 +232,10 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     sample = min(int(place), wind.shape[0] - 2)
     before, after, share, n, n_out = wind[sample], wind[sample + 1], place - sample, drag.size, q.size - n_in_plane
     if 0 < n_in_plane <= 4 and n_out == 0:
-        _add_drag_of_few(
-            q, u, stretch, exact, None, before, after, share, drag, shapes[0], shapes[1], shapes[2], n_in_plane, f
-        )
+        _add_drag_of_few(q, u, stretch, exact, None, before, after, share, drag, shapes[0], shapes[1], n_in_plane, f)
         return
     if 0 < n_in_plane <= 4 and n_out <= 4:
-        _add_drag_of_few(
-            q, u, stretch, exact, True, before, after, share, drag, shapes[0], shapes[1], shapes[2], n_in_plane, f
-        )
+        _add_drag_of_few(q, u, stretch, exact, True, before, after, share, drag, shapes[0], shapes[1], n_in_plane, f)
         return
     _interpolate_air(before, after, share, work)
     _add_drag(
@@ -263,7 +244,7 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     )  # fmt: skip
 
 
-@compiled(inline="always")
+@compiled(counted=False)
 def _weights_of_drag(hold):
     """Return the weights of three evaluations of the drag, `hold` steps apart, in its mean over the next `hold` steps.
 

@@ -1,4 +1,4 @@
-"""Compiled forces and steps of the condensed model with the exact chordwise stretch."""
+"""Compiled forces of the condensed model with the exact chordwise stretch, and its steps by velocity Verlet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import _chordwise_momentum, _close
 from cablepod.condensed._kernels_dense import _solve
-from cablepod.condensed._kernels_drag import AIR_ROWS, _add_drag_at
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
     CLOSURE_ROWS,
@@ -20,72 +19,86 @@ from cablepod.condensed._kernels_layout import (
     MIN_FORCE_STEP,
     PREDICTED_TENSION,
     SLOPE_SQUARED,
-    TEST_JACOBIAN,
     WEIGHTED_STIFFNESS,
+    ExactWork,
 )
-from cablepod.condensed._kernels_step import _monitor_frequency
+from cablepod.condensed._kernels_rates import _add_held_drag, _subtract_modal_damping
+from cablepod.condensed._kernels_recorder import _monitor_frequency
 
 # --- forces -----------------------------------------------------------------------------------------------------------
 
 
-@compiled(inline="always")
-def _fill_tangent(
-    slopes, test_slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, row_work, tangent, tension_change
-):
-    """Fill the tangent (r, r) of the forces; overwrite row WEIGHTED_STIFFNESS of `work` and row 1 of `row_work` (2, m).
+@compiled
+def _exact_work(terms):
+    """Return work arrays."""
+    r, m = terms.slopes.shape
+    return ExactWork(np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m)))
+
+
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _sum_slopes(terms, q, slope):
+    """Fill the slopes of both deflections (2, m), or their rates, for coordinates or rates q (r,)."""
+    r, m = terms.slopes.shape
+    for j in range(m):
+        slope[0, j] = slope[1, j] = 0.0
+    for i in range(r):
+        k = 0 if i < terms.in_plane else 1
+        for j in range(m):
+            slope[k, j] += terms.slopes[i, j] * q[i]
+
+
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _subtract_projection(terms, factor, stiffness, slope, f):
+    """Subtract from f (r,) a factor times the integrals of the slopes (2, m) times a weighted stiffness (m,)."""
+    r, m = terms.slopes.shape
+    for i in range(r):
+        k, total = 0 if i < terms.in_plane else 1, 0.0
+        for j in range(m):
+            total += stiffness[j] * terms.slopes[i, j] * slope[k, j]
+        f[i] -= factor * total
+
+
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _fill_exact_tangent(terms, stretch, work, tangent, tension_change):
+    """Fill the tangent (r, r) of the forces; overwrite row WEIGHTED_STIFFNESS of the closure and row 1 of the slope rates.
 
     The diagonal of `tension_change` (r, r) is overwritten with the derivatives of H by the coordinates.
     """
-    r, m = slopes.shape
+    (r, m), closure, slope, by_slope = terms.slopes.shape, work.closure, work.slope, work.slope_rate[1]
     compliance = 0.0
     for j in range(m):
-        compliance += weights[j] * work[COMPLIANCE, j]
+        compliance += terms.weights[j] * closure[COMPLIANCE, j]
         # at constant N the derivative of the stretch by w' is minus this times w'
-        cube = 1.0 if green else math.sqrt(stretch[j] * stretch[j] + work[SLOPE_SQUARED, j]) ** 3
-        row_work[1, j] = stiffness * work[COMPLIANCE, j] * stretch[j] / cube
+        cube = 1.0 if terms.green else math.sqrt(stretch[j] * stretch[j] + closure[SLOPE_SQUARED, j]) ** 3
+        by_slope[j] = terms.stiffness * closure[COMPLIANCE, j] * stretch[j] / cube
     for i in range(r):
-        k = 0 if i < n_in_plane else 1
-        total = 0.0
+        k, total = 0 if i < terms.in_plane else 1, 0.0
         for j in range(m):
-            total += weights[j] * row_work[1, j] * slope[k, j] * slopes[i, j]
+            total += terms.weights[j] * by_slope[j] * slope[k, j] * terms.slopes[i, j]
         tension_change[i, i] = total / compliance
     for j in range(m):
-        work[WEIGHTED_STIFFNESS, j] *= 1.0 + row_work[1, j] * work[SLOPE_SQUARED, j] / stretch[j]
+        closure[WEIGHTED_STIFFNESS, j] *= 1.0 + by_slope[j] * closure[SLOPE_SQUARED, j] / stretch[j]
     for i in range(r):
-        if test_slopes is None:
-            for j in range(i + 1):
-                total = 0.0
-                if (i < n_in_plane) == (j < n_in_plane):
-                    for k in range(m):
-                        total += work[WEIGHTED_STIFFNESS, k] * slopes[i, k] * slopes[j, k]
-                tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
-                tangent[j, i] = tangent[i, j]
-        else:
-            k, tension_response = 0 if i < n_in_plane else 1, 0.0  # derivative of the force by H
-            for j in range(m):
-                tension_response += weights[j] * row_work[1, j] * slope[k, j] * test_slopes[i, j]
-            for j in range(r):
-                total = 0.0
-                if (i < n_in_plane) == (j < n_in_plane):
-                    for k in range(m):
-                        total += work[WEIGHTED_STIFFNESS, k] * test_slopes[i, k] * slopes[j, k]
-                tangent[i, j] = total + tension_response * tension_change[j, j]
+        for j in range(i + 1):
+            total = 0.0
+            if (i < terms.in_plane) == (j < terms.in_plane):
+                for k in range(m):
+                    total += closure[WEIGHTED_STIFFNESS, k] * terms.slopes[i, k] * terms.slopes[j, k]
+            tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
+            tangent[j, i] = tangent[i, j]
 
 
-@compiled(inline="always")
-def _add_chordwise_inertia(
-    v, slopes, test_slopes, n_in_plane, weights, inertia, stretch, work, slope, slope_rate, stretch_jacobian, f, mass,
-):  # fmt: skip
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _add_chordwise_inertia(terms, v, stretch, work, f, mass):
     """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix (r, r)."""
-    r, m = slopes.shape
-    for j in range(m):
-        slope_rate[0, j] = 0.0
-        slope_rate[1, j] = 0.0
+    (r, m), slope, slope_rate, jacobian = terms.slopes.shape, work.slope, work.slope_rate, work.stretch_jacobian
+    _sum_slopes(terms, v, slope_rate)
     for i in range(r):
-        k = 0 if i < n_in_plane else 1
+        k = 0 if i < terms.in_plane else 1
         for j in range(m):
-            slope_rate[k, j] += slopes[i, j] * v[i]
-            stretch_jacobian[i, j] = -slope[k, j] * slopes[i, j] / stretch[j]
+            jacobian[i, j] = -slope[k, j] * terms.slopes[i, j] / stretch[j]
+        momentum = jacobian[r + i].reshape(m, 1)
+        _chordwise_momentum(1, jacobian[i].reshape(m, 1), terms.weights, terms.inertia, momentum)
     for j in range(m):
         stretch_rate = (slope[0, j] * slope_rate[0, j] + slope[1, j] * slope_rate[1, j]) / stretch[j]
         # from here on row 0: second rate of the stretch without accelerations
@@ -93,246 +106,173 @@ def _add_chordwise_inertia(
             -(slope_rate[0, j] * slope_rate[0, j] + slope_rate[1, j] * slope_rate[1, j] + stretch_rate * stretch_rate)
             / stretch[j]
         )
-    if test_slopes is None:
-        for i in range(r):
-            _chordwise_momentum(stretch_jacobian[i], weights, inertia, stretch_jacobian[r + i])
-    else:
-        for i in range(r):
-            k = 0 if i < n_in_plane else 1
-            for j in range(m):
-                work[TEST_JACOBIAN, j] = -slope[k, j] * test_slopes[i, j] / stretch[j]
-            _chordwise_momentum(work[TEST_JACOBIAN], weights, inertia, stretch_jacobian[r + i])
     for i in range(r):
         total = 0.0
         for j in range(m):
-            total += stretch_jacobian[r + i, j] * slope_rate[0, j]
+            total += jacobian[r + i, j] * slope_rate[0, j]
         f[i] -= total
-        for k in range(i + 1 if test_slopes is None else r):
+        for k in range(i + 1):
             total = 0.0
             for j in range(m):
-                total += stretch_jacobian[r + i, j] * stretch_jacobian[k, j]
+                total += jacobian[r + i, j] * jacobian[k, j]
             mass[i, k] = total
-            if test_slopes is None:
-                mass[k, i] = total
+            mass[k, i] = total
         mass[i, i] += 1.0
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
-def exact_force(
-    q, v, boundary_data, row, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
-    load_projection, inertia, guess, stretch, work, slope, slope_rate, stretch_jacobian, f, tangent, mass,
-):  # fmt: skip
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def exact_force(terms, row, q, v, guess, stretch, work, f, tangent, mass):
     """Fill the undamped forces f (r,) with the exact chordwise stretch; return H [N], not finite where there is none.
 
     Parameters
     ----------
+    terms, work
+        See :mod:`cablepod.condensed._kernels_layout`.
+    row
+        Boundary data of one instant, see :func:`cablepod.condensed._kernels_frame.frames`.
     q, v
         Coordinates and rates (r,); rates only count with chordwise inertia.
-    boundary_data, row
-        See :func:`cablepod.condensed._kernels_frame.frames`; index of the row.
-    slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green, load_projection
-        As in ``leading_verlet`` and ``_close``, at the links or quadrature points (m,).
-    test_slopes
-        Slopes of the test functions (r, m); None for the modes as test functions.
-    inertia
-        Masses [kg] of the particles above the links and their relative arc lengths (2, m); at quadrature points the chordwise
-        mass matrix (m, m) [kg m^2]; without entries: no chordwise inertia.
     guess
         First guess of H [N].
     stretch
         First guess of the chordwise stretch (m,); changed into the solution.
-    work, slope, slope_rate, stretch_jacobian
-        Work arrays: (CLOSURE_ROWS, m); slopes of the deflections (2, m); their rates (2, m); derivatives of the stretch by the
-        coordinates, and their products with the chordwise mass matrix (2 r, m).
     f, tangent, mass
         Filled: forces (r,); negative derivative of the forces (r, r), or without entries, accurate enough for Newton's method;
         mass matrix (r, r) with chordwise inertia, otherwise a work array.
     """
-    r, m = slopes.shape
+    (r, m), patterns, closure = terms.slopes.shape, terms.force_patterns.shape[0], work.closure
+    _sum_slopes(terms, q, work.slope)
     for j in range(m):
-        slope[0, j] = 0.0
-        slope[1, j] = 0.0
-        work[LOAD_FORCE, j] = 0.0
-    for i in range(r):
-        k = 0 if i < n_in_plane else 1
+        closure[LOAD_FORCE, j] = 0.0
+    for a in range(patterns):
         for j in range(m):
-            slope[k, j] += slopes[i, j] * q[i]
-    for a in range(chordwise_force_patterns.shape[0]):
-        for j in range(m):
-            work[LOAD_FORCE, j] += boundary_data[row, 1 + a] * chordwise_force_patterns[a, j]
+            closure[LOAD_FORCE, j] += row[1 + a] * terms.force_patterns[a, j]
     for j in range(m):
-        work[SLOPE_SQUARED, j] = slope[0, j] * slope[0, j] + slope[1, j] * slope[1, j]
-    chord_tension = _close(weights, boundary_data[row, 0], stiffness, green, guess, stretch, work)
+        closure[SLOPE_SQUARED, j] = work.slope[0, j] * work.slope[0, j] + work.slope[1, j] * work.slope[1, j]
+    chord_tension = _close(terms.weights, row[0], terms.stiffness, terms.green, guess, stretch, closure)
     for j in range(m):
-        work[WEIGHTED_STIFFNESS, j] = weights[j] * work[FORCE, j] / stretch[j]
+        closure[WEIGHTED_STIFFNESS, j] = terms.weights[j] * closure[FORCE, j] / stretch[j]
     for i in range(r):
-        k = 0 if i < n_in_plane else 1
-        total = 0.0
-        if test_slopes is None:
-            for j in range(m):
-                total += work[WEIGHTED_STIFFNESS, j] * slopes[i, j] * slope[k, j]
-        else:
-            for j in range(m):
-                total += work[WEIGHTED_STIFFNESS, j] * test_slopes[i, j] * slope[k, j]
-        f[i] = -total
-    patterns = chordwise_force_patterns.shape[0]
-    for a in range(load_projection.shape[0]):
-        g = boundary_data[row, 1 + patterns + a]
-        for i in range(r):
-            f[i] += g * load_projection[a, i]
+        f[i] = 0.0
+        for a in range(terms.load_projection.shape[0]):
+            f[i] += row[1 + patterns + a] * terms.load_projection[a, i]
+    _subtract_projection(terms, 1.0, closure[WEIGHTED_STIFFNESS], work.slope, f)
     if tangent.size:
-        _fill_tangent(
-            slopes, test_slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, slope_rate, tangent, mass
-        )
-    if inertia.size:
-        _add_chordwise_inertia(
-            v, slopes, test_slopes, n_in_plane, weights, inertia, stretch, work, slope, slope_rate, stretch_jacobian,
-            f, mass,
-        )  # fmt: skip
+        _fill_exact_tangent(terms, stretch, work, tangent, mass)
+    if terms.inertia.size:
+        _add_chordwise_inertia(terms, v, stretch, work, f, mass)
     return chord_tension
+
+
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _subtract_tension_damping(terms, tension_damping, rates, work, f):
+    """Subtract the damping by the tension, tension_damping N / zeta' times the rate of the slope, from f (r,); 0 where slack.
+
+    Row WEIGHTED_STIFFNESS of the closure holds weights times N / zeta'; it is overwritten, as the rates of the slopes are.
+    """
+    stiffness = work.closure[WEIGHTED_STIFFNESS]
+    for j in range(stiffness.size):
+        stiffness[j] = max(stiffness[j], 0.0)
+    _sum_slopes(terms, rates, work.slope_rate)
+    _subtract_projection(terms, tension_damping, stiffness, work.slope_rate, f)
 
 
 # --- monitor and tensions ---------------------------------------------------------------------------------------------
 
 
-@compiled(inline="always")
-def _update_extremes(stretch, work, stiffness, green, low, high):
-    """Update the extremes `low` and `high` (m,) by the tensions of the material law."""
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _record_exact(terms, stretch, closure, number, low, high, monitor):
+    """Update the least chordwise force with its step, and the extremes (m,) by the tensions of the material law."""
+    for j in range(stretch.size):
+        if closure[FORCE, j] < monitor[MIN_FORCE]:
+            monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = closure[FORCE, j], number
     for j in range(low.size):
-        xi = math.sqrt(stretch[j] * stretch[j] + work[SLOPE_SQUARED, j])
-        tension = 0.5 * stiffness * xi * (xi * xi - 1.0) if green else stiffness * (xi - 1.0)
+        xi = math.sqrt(stretch[j] * stretch[j] + closure[SLOPE_SQUARED, j])
+        tension = 0.5 * terms.stiffness * xi * (xi * xi - 1.0) if terms.green else terms.stiffness * (xi - 1.0)
         low[j] = min(low[j], tension)
         high[j] = max(high[j], tension)
-
-
-@compiled(inline="always")
-def _monitor_step(
-    step_number,
-    q,
-    boundary_data,
-    row,
-    chord_tension,
-    force,
-    kappa,
-    geometric_stiffness_norms,
-    stiffness,
-    length,
-    monitor,
-):
-    """Update the monitor: least chordwise force with its step, largest frequency, first step where that is too large."""
-    for j in range(force.size):
-        if force[j] < monitor[MIN_FORCE]:
-            monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = force[j], step_number
-    _monitor_frequency(
-        step_number, q, boundary_data, row, chord_tension, kappa, geometric_stiffness_norms, stiffness, length, monitor
-    )
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------
 
 
-@compiled(inline="always")
-def _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f):
-    """Subtract the damping by the tension, tension_damping N / zeta' times the rate of the slope, from the forces f (r,).
-
-    Row WEIGHTED_STIFFNESS of `work` holds weights times N / zeta'; `slope_rate` (2, m) is overwritten.
-    """
-    r, m = slopes.shape
-    for j in range(m):
-        slope_rate[0, j] = 0.0
-        slope_rate[1, j] = 0.0
-    for i in range(r):
-        k = 0 if i < n_in_plane else 1
-        for j in range(m):
-            slope_rate[k, j] += slopes[i, j] * rates[i]
-    for i in range(r):
-        k, total = 0 if i < n_in_plane else 1, 0.0
-        for j in range(m):
-            test = slopes[i, j] if test_slopes is None else test_slopes[i, j]
-            total += max(work[WEIGHTED_STIFFNESS, j], 0.0) * test * slope_rate[k, j]
-        f[i] -= tension_damping * total
-
-
 @compiled
 def exact_verlet(
-    q, v, acceleration, step, damping_factor, impulse, tension_damping, wind, samples_per_second, drag, drag_shapes,
-    boundary_data, stiffness, length, kappa, load_projection,
-    geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
-    stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
-):  # fmt: skip
+    exact,
+    sizes,
+    terms,
+    bounds,
+    damped,
+    rate_terms,
+    air,
+    boundary_data,
+    state,
+    stretch,
+    begin,
+    record,
+    low,
+    high,
+    monitor,
+):
     """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 
-    Chordwise inertia, damping by the tension and drag take the rates extrapolated from half a step before with `acceleration`,
-    that of the last step (r,).  Row 0 of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two,
-    row 1 the stretch of the last step; the same holds for H in the monitor.  Other parameters as in ``leading_verlet`` and
-    :func:`exact_force`.
+    Chordwise inertia, damping by the tension and drag take the rates extrapolated from half a step before with the acceleration
+    of the last step.
+
+    Parameters
+    ----------
+    exact
+        See :class:`cablepod.condensed._kernels_layout.ExactTerms`.
+    sizes, terms, bounds
+        To leading order, for the bound of the frequencies.
+    damped, rate_terms, air, begin, record, monitor
+        As in :func:`cablepod.condensed._kernels_explicit.verlet`.
+    boundary_data
+        See :func:`cablepod.condensed._kernels_frame.frames`; one row for each step.
+    state
+        Coordinates, rates half a step before, and accelerations of the last step (3, r); changed.
+    stretch
+        Row 0 (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step; the
+        same holds for H in the monitor.  Changed.
+    low, high
+        Extremes of the link tensions over all steps (n,) [N], or without entries; changed.
     """
-    r, m = slopes.shape
-    f, rates, mass, no_array = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
-    work, slope, slope_rate = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m))
-    stretch_jacobian, next_output, predicted, accepted = np.empty((2 * r, m)), 0, stretch[0], stretch[1]
-    air = None if wind is None else np.empty(AIR_ROWS * drag.size)
+    q, v, acceleration, (r, m) = state[0], state[1], state[2], exact.slopes.shape
+    f, rates, mass, no_array, tension = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0)), np.empty(1)
+    work, predicted, accepted, saved, step = _exact_work(exact), stretch[0], stretch[1], 0, damped.step
     for i in range(boundary_data.shape[0]):
+        number, row = begin + i, boundary_data[i]
         for j in range(r):
             rates[j] = v[j] + 0.5 * step * acceleration[j]
-        guess, chord_tension = monitor[PREDICTED_TENSION], np.nan
-        for _ in range(2):
-            chord_tension = exact_force(
-                q, rates, boundary_data, i, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights,
-                stiffness, green, load_projection, inertia, guess, predicted, work, slope, slope_rate,
-                stretch_jacobian, f, no_array, mass,
-            )  # fmt: skip
-            if abs(chord_tension) < np.inf:
-                break
-            # extrapolated too far: once more from the last step
-            guess = monitor[CHORD_TENSION]
+        tension[0] = exact_force(exact, row, q, rates, monitor[PREDICTED_TENSION], predicted, work, f, no_array, mass)
+        if not abs(tension[0]) < np.inf:  # extrapolated too far: once more from the last step
             for j in range(m):
                 predicted[j] = accepted[j]
-        if tension_damping is not None:
-            _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f)
-        if wind is not None:
-            _add_drag_at(
-                q, rates, 1.0 + chord_tension / stiffness, True, wind, (begin + i) * step * samples_per_second, drag,
-                drag_shapes, n_in_plane, air, f,
-            )  # fmt: skip
-        if inertia.size:
+            tension[0] = exact_force(exact, row, q, rates, monitor[CHORD_TENSION], predicted, work, f, no_array, mass)
+        _record_exact(exact, predicted, work.closure, number, low, high, monitor)
+        if rate_terms is not None:
+            if rate_terms.tension_damping > 0.0:
+                _subtract_tension_damping(exact, rate_terms.tension_damping, rates, work, f)
+            _subtract_modal_damping(rate_terms.modal_damping, rates, f)
+            _add_held_drag(air, q, rates, 1.0 + tension[0] / exact.stiffness, True, number, step, f)
+        if exact.inertia.size:
             _solve(mass, f)
-        _monitor_step(
-            begin + i,
-            q,
-            boundary_data,
-            i,
-            chord_tension,
-            work[FORCE],
-            kappa,
-            geometric_stiffness_norms,
-            stiffness,
-            length,
-            monitor,
-        )
-        if low.size:
-            _update_extremes(predicted, work, stiffness, green, low, high)
-        is_output = next_output < output_steps.size and output_steps[next_output] == begin + i
-        if is_output:
-            for j in range(r):
-                saved[next_output, j] = q[j]
-                half_step_rates[next_output, 0, j] = v[j]
+        _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, number, monitor)
+        is_output = saved < record.steps.size and record.steps[saved] == number
         for j in range(r):
-            new_rate = damping_factor * v[j] + impulse * f[j]
+            new_rate = damped.decay[0] * v[j] + damped.impulse[0] * f[j]
+            if is_output:
+                record.coordinates[saved * r + j] = q[j]
+                record.half_step_rates[2 * saved * r + j] = v[j]
+                record.half_step_rates[(2 * saved + 1) * r + j] = new_rate
             acceleration[j] = (new_rate - v[j]) / step
             v[j] = new_rate
-        if is_output:
-            for j in range(r):
-                half_step_rates[next_output, 1, j] = v[j]
-            next_output += 1
-        for j in range(r):
             q[j] += step * v[j]
+        saved += 1 if is_output else 0
         # extrapolate linearly, but not at the start, which has one state only; mostly one Newton iteration suffices then
-        extrapolation = 0.0 if begin + i == 0 else 1.0
-        monitor[CHORD_TENSION], monitor[PREDICTED_TENSION] = (
-            chord_tension,
-            chord_tension + extrapolation * (chord_tension - monitor[CHORD_TENSION]),
-        )
+        extrapolation = 0.0 if number == 0 else 1.0
+        monitor[PREDICTED_TENSION] = tension[0] + extrapolation * (tension[0] - monitor[CHORD_TENSION])
+        monitor[CHORD_TENSION] = tension[0]
         for j in range(m):
             current = predicted[j]
             predicted[j] = current + extrapolation * (current - accepted[j])

@@ -7,84 +7,95 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_dense import _solve
-from cablepod.condensed._kernels_exact import _monitor_step, _update_extremes, exact_force
-from cablepod.condensed._kernels_layout import CHORD_TENSION, CLOSURE_ROWS, FORCE
-from cablepod.condensed._kernels_step import _save_implicit, _update_rates
+from cablepod.condensed._kernels_exact import _exact_work, _record_exact, exact_force
+from cablepod.condensed._kernels_layout import CHORD_TENSION, ExactTerms
+from cablepod.condensed._kernels_rates import _subtract_modal_damping
+from cablepod.condensed._kernels_recorder import _monitor_frequency
+from cablepod.condensed._kernels_step import _add_modal_tangent, _save_implicit, _update_rates
 
 
-@compiled(inline="always")
-def _newton_system(
-    q, q_start, v, rates, acceleration, step, damping, quarter_step_squared, has_inertia, f, tangent, mass, change
-):
+@compiled(counted=False)
+def _newton_system(q_start, state, rates, step, damping, has_inertia, f, tangent, mass, change):
     """Change forces (r,) and tangent (r, r) into residual `change` and tangent of the implicit equation of a step."""
+    q, v, acceleration, quarter = state[0], state[1], state[2], 0.25 * step * step
     r = q.size
     for j in range(r):
         if not has_inertia:
             for k in range(r):
                 mass[j, k] = 1.0 if j == k else 0.0
-        change[j] = quarter_step_squared * f[j]
-    for j in range(r):
+        change[j] = quarter * f[j]
         for k in range(r):
-            known = q_start[k] + step * v[k] + quarter_step_squared * (acceleration[k] - damping * rates[k]) - q[k]
+            known = q_start[k] + step * v[k] + quarter * (acceleration[k] - damping * rates[k]) - q[k]
             change[j] += mass[j, k] * known
-            tangent[j, k] = quarter_step_squared * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
+            tangent[j, k] = quarter * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
 
 
 @compiled
-def exact_implicit(
-    q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, load_projection,
-    geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
-    stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
-):  # fmt: skip
-    """Advance by the trapezoidal rule with the exact chordwise stretch; returns the number of steps done.
+def exact_trapezoidal(
+    exact,
+    sizes,
+    terms,
+    bounds,
+    step,
+    damping,
+    modal_damping,
+    boundary_data,
+    state,
+    stretch,
+    begin,
+    record,
+    low,
+    high,
+    monitor,
+):
+    """Advance by the trapezoidal rule with the exact chordwise stretch; return the number of steps done.
 
-    The closure starts from the last stretch, ``stretch[0]``, and the last H.  Other parameters and the returned value as in
-    :func:`cablepod.condensed._kernels_leading_implicit.leading_implicit` and
-    :func:`cablepod.condensed._kernels_exact.exact_verlet`.
+    The closure starts from the last stretch, ``stretch[0]``, and the last H.  `modal_damping` is that of
+    :class:`cablepod.condensed._kernels_layout.RateTerms`.  Other arguments and the returned value as in
+    :func:`cablepod.condensed._kernels_exact.exact_verlet` and
+    :func:`cablepod.condensed._kernels_implicit.trapezoidal`.
     """
-    r, m = slopes.shape
-    f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, slope_rate = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m))
-    stretch_jacobian, no_array = np.empty((2 * r, m)), np.empty((0, 0))
-    change, q_start, rates, previous_acceleration = np.empty(r), np.empty(r), np.empty(r), acceleration.copy()
-    quarter_step_squared, next_output, last_row = 0.25 * step * step, 0, boundary_data.shape[0] - 1
-    accepted = stretch[0]
-    for i in range(boundary_data.shape[0]):
-        if next_output < output_steps.size and output_steps[next_output] == begin + i:
-            _save_implicit(q, v, acceleration, step, saved[next_output], half_step_rates[next_output])
-            next_output += 1
+    (r, _), q, v, acceleration = exact.slopes.shape, state[0], state[1], state[2]
+    f, tangent, mass, work = np.empty(r), np.empty((r, r)), np.empty((r, r)), _exact_work(exact)
+    change, q_start, rates, previous_acceleration = np.empty(r), np.empty(r), np.empty(r), np.empty(r)
+    no_array, tension, saved, accepted = np.empty((0, 0)), np.empty(1), 0, stretch[0]
+    steps = boundary_data.shape[0] - 1
+    without_inertia = ExactTerms(
+        exact.stiffness, exact.green, exact.slopes, exact.in_plane, exact.force_patterns, exact.weights, exact.load_projection,
+        no_array,
+    )  # fmt: skip
+    for j in range(r):
+        previous_acceleration[j] = acceleration[j]
+    for i in range(steps + 1):
+        if saved < record.steps.size and record.steps[saved] == begin + i:
+            _save_implicit(q, v, acceleration, step, record, saved)
+            saved += 1
         # evaluate H once more: in a stiff cable a small last correction still changes it much
-        monitor[CHORD_TENSION] = exact_force(
-            q, v, boundary_data, i, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness,
-            green, load_projection, no_array, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
-            stretch_jacobian, f, no_array, mass,
-        )  # fmt: skip
-        _monitor_step(
-            begin + i, q, boundary_data, i, monitor[CHORD_TENSION], work[FORCE], kappa, geometric_stiffness_norms, stiffness,
-            length, monitor,
-        )  # fmt: skip
-        if low.size:
-            _update_extremes(accepted, work, stiffness, green, low, high)
-        if i == last_row:
+        row, guess = boundary_data[i], monitor[CHORD_TENSION]
+        tension[0] = exact_force(without_inertia, row, q, v, guess, accepted, work, f, no_array, mass)
+        monitor[CHORD_TENSION] = tension[0]
+        _record_exact(exact, accepted, work.closure, begin + i, low, high, monitor)
+        _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, begin + i, monitor)
+        if i == steps:
             break
         scale = 0.0
         for j in range(r):
             q_start[j] = q[j]
-            q[j] += step * v[j] + quarter_step_squared * (3.0 * acceleration[j] - previous_acceleration[j])
+            q[j] += step * v[j] + 0.25 * step * step * (3.0 * acceleration[j] - previous_acceleration[j])
             scale = max(scale, abs(q[j]))
-        previous_change, converged = 0.0, False  # the first correction has no known reduction
+        previous_change, converged, row = (
+            0.0,
+            False,
+            boundary_data[i + 1],
+        )  # the first correction has no known reduction
         for _ in range(MAX_ITERATIONS):
             for j in range(r):
                 rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
-            monitor[CHORD_TENSION] = exact_force(
-                q, rates, boundary_data, i + 1, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights,
-                stiffness, green, load_projection, inertia, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
-                stretch_jacobian, f, tangent, mass,
-            )  # fmt: skip
-            _newton_system(
-                q, q_start, v, rates, acceleration, step, damping, quarter_step_squared, inertia.size > 0, f, tangent,
-                mass, change,
-            )  # fmt: skip
+            guess = monitor[CHORD_TENSION]
+            monitor[CHORD_TENSION] = exact_force(exact, row, q, rates, guess, accepted, work, f, tangent, mass)
+            _subtract_modal_damping(modal_damping, rates, f)
+            _add_modal_tangent(modal_damping, step, tangent)
+            _newton_system(q_start, state, rates, step, damping, exact.inertia.size > 0, f, tangent, mass, change)
             if not _solve(tangent, change):
                 break
             largest = 0.0
@@ -101,4 +112,4 @@ def exact_implicit(
                 q[j] = q_start[j]
             return i
         _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
-    return last_row
+    return steps

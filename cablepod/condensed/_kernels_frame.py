@@ -92,8 +92,12 @@ def frames(ends, end_accelerations, load, point_loads, reference, mass, boundary
     moving = end_accelerations.shape[1] > 0
     first_point = 3 if moving else 2
     patterns = first_point - 1 + n_points
-    axes = np.zeros((3, 3))  # direction from the upper end to the lower one, first and second normal
-    effective_load, growing_load = np.zeros(3), np.zeros(3)
+    work = np.zeros((5, 3))
+    axes, effective_load, growing_load = (
+        work[:3],
+        work[3],
+        work[4],
+    )  # direction from the upper end to the lower one, both normals
     for i in range(boundary_data.shape[0]):
         for d in range(dims):
             axes[0, d] = ends[d, i] - ends[dims + d, i]
@@ -127,87 +131,69 @@ def frames(ends, end_accelerations, load, point_loads, reference, mass, boundary
 
 
 @compiled(noalias=True, forceinline=True)
-def planar_frames_of_lanes(patterns, ends, end_accelerations, load, mass, length, chord, loads):
+def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, rows, at):
     """Fill the boundary data of one step of planar members, as :func:`frames` does for many steps of one.
 
     Parameters
     ----------
-    patterns
-        Tuple with an entry for each load pattern: two where ends move, one where none does.
+    lanes, patterns
+        Tuples with an entry for each lane and load pattern: two patterns where ends move, one where none does.
     ends, end_accelerations, load, mass
         As in :func:`frames`, for one step: (4, lanes), (4, lanes), (2, lanes), (lanes,).
-    length
-        Unstretched length (lanes,) [m].
-    chord, loads
-        Filled: chord length (lanes,) [m]; loads along the chord, then along the normal, times `length` (2 patterns, lanes) [N].
+    rows, at
+        Boundary data (steps, columns, lanes), flat, and the index of the step there; filled.
     """
-    count = len(patterns)
-    for m in range(chord.size):
+    width, count = len(lanes), len(patterns)
+    for m in range(width):
         x, y = ends[0, m] - ends[2, m], ends[1, m] - ends[3, m]
         distance = math.sqrt(x * x + y * y)
         inverse = 1.0 / distance
         x *= inverse
         y *= inverse
-        chord[m] = distance
         load_x, load_y = load[0, m], load[1, m]
         if count > 1:
             load_x -= mass[m] * end_accelerations[0, m]
             load_y -= mass[m] * end_accelerations[1, m]
             growing_x = mass[m] * (end_accelerations[0, m] - end_accelerations[2, m])
             growing_y = mass[m] * (end_accelerations[1, m] - end_accelerations[3, m])
-            loads[1, m] = length[m] * (growing_x * x + growing_y * y)
-            loads[3, m] = length[m] * (growing_x * y - growing_y * x)
-        loads[0, m] = length[m] * (load_x * x + load_y * y)
-        loads[count, m] = length[m] * (load_x * y - load_y * x)
+            rows[at + 2 * width + m] = growing_x * x + growing_y * y
+            rows[at + (2 + count) * width + m] = growing_x * y - growing_y * x
+        rows[at + m] = distance
+        rows[at + width + m] = load_x * x + load_y * y
+        rows[at + (1 + count) * width + m] = load_x * y - load_y * x
 
 
 @compiled(noalias=True, forceinline=True)
-def spatial_frames_of_lanes(
-    patterns, ends, end_accelerations, load, mass, length, reference, chord, axes, normals, loads
-):
+def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, reference, axes, rows, at):
     """Fill the boundary data of one step of spatial members, as :func:`planar_frames_of_lanes` of planar ones.
 
-    Parameters
-    ----------
-    patterns, ends, end_accelerations, load, mass, length, chord, loads
-        As there, in three dimensions.
-    reference
-        Unit vector along the axis that defines the normals (3, lanes).
-    axes, normals
-        Work arrays (3, lanes), (6, lanes): the direction from the upper end to the lower one, both normals.
+    `reference` is the unit vector along the axis that defines the normals (3, lanes), `axes` a work array (9, lanes): the
+    direction from the upper end to the lower one, both normals.
     """
-    for m in range(chord.size):
+    width, count = len(lanes), len(patterns)
+    for m in range(width):
         x, y, z = ends[0, m] - ends[3, m], ends[1, m] - ends[4, m], ends[2, m] - ends[5, m]
         distance = math.sqrt(x * x + y * y + z * z)
         inverse = 1.0 / distance
-        chord[m], axes[0, m], axes[1, m], axes[2, m] = distance, x * inverse, y * inverse, z * inverse
-    for m in range(chord.size):
+        rows[at + m], axes[0, m], axes[1, m], axes[2, m] = distance, x * inverse, y * inverse, z * inverse
+    for m in range(width):
         x, y, z = axes[0, m], axes[1, m], axes[2, m]
         a, b, c = reference[0, m], reference[1, m], reference[2, m]
         cosine = a * x + b * y + c * z
         inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
         a, b, c = (a - cosine * x) * inverse, (b - cosine * y) * inverse, (c - cosine * z) * inverse
-        normals[0, m], normals[1, m], normals[2, m] = a, b, c
-    for m in range(chord.size):
-        x, y, z, a, b, c = axes[0, m], axes[1, m], axes[2, m], normals[0, m], normals[1, m], normals[2, m]
-        normals[3, m], normals[4, m], normals[5, m] = b * z - c * y, c * x - a * z, a * y - b * x
-    _project_on(patterns, axes, 0, 0, end_accelerations, load, mass, length, loads)
-    _project_on(patterns, normals, 0, len(patterns), end_accelerations, load, mass, length, loads)
-    _project_on(patterns, normals, 3, 2 * len(patterns), end_accelerations, load, mass, length, loads)
-
-
-@compiled(noalias=True, forceinline=True, literal=False)
-def _project_on(patterns, axes, first, row, end_accelerations, load, mass, length, loads):
-    """Fill the rows of `loads` from `row` on with the loads along the axis in the rows of `axes` from `first` on."""
-    for m in range(mass.size):
-        x, y, z = axes[first, m], axes[first + 1, m], axes[first + 2, m]
-        load_x, load_y, load_z = load[0, m], load[1, m], load[2, m]
-        if len(patterns) > 1:
-            load_x -= mass[m] * end_accelerations[0, m]
-            load_y -= mass[m] * end_accelerations[1, m]
-            load_z -= mass[m] * end_accelerations[2, m]
-            growing_x = mass[m] * (end_accelerations[0, m] - end_accelerations[3, m])
-            growing_y = mass[m] * (end_accelerations[1, m] - end_accelerations[4, m])
-            growing_z = mass[m] * (end_accelerations[2, m] - end_accelerations[5, m])
-            loads[row + 1, m] = length[m] * (growing_x * x + growing_y * y + growing_z * z)
-        loads[row, m] = length[m] * (load_x * x + load_y * y + load_z * z)
+        axes[3, m], axes[4, m], axes[5, m] = a, b, c
+        axes[6, m], axes[7, m], axes[8, m] = b * z - c * y, c * x - a * z, a * y - b * x
+    for k in range(3):
+        for m in range(width):
+            x, y, z = axes[3 * k, m], axes[3 * k + 1, m], axes[3 * k + 2, m]
+            load_x, load_y, load_z = load[0, m], load[1, m], load[2, m]
+            if count > 1:
+                load_x -= mass[m] * end_accelerations[0, m]
+                load_y -= mass[m] * end_accelerations[1, m]
+                load_z -= mass[m] * end_accelerations[2, m]
+                growing_x = mass[m] * (end_accelerations[0, m] - end_accelerations[3, m])
+                growing_y = mass[m] * (end_accelerations[1, m] - end_accelerations[4, m])
+                growing_z = mass[m] * (end_accelerations[2, m] - end_accelerations[5, m])
+                rows[at + (2 + k * count) * width + m] = growing_x * x + growing_y * y + growing_z * z
+            rows[at + (1 + k * count) * width + m] = load_x * x + load_y * y + load_z * z

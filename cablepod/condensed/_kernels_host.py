@@ -7,6 +7,13 @@ velocity u' of the end, the normal n and the moment m = integral of mu sigma phi
 
 The leapfrog scheme takes n.u' at the middle of a step from the positions of the end.  A host with the same scheme and the mass
 of the end makes one symplectic scheme of both.
+
+Tangential and normal force on the end are N(L0) = H + tau(L0) and V.  The balance of moments about the lower end gives V,
+
+    c V = integral of N w' - h_0 integral of zeta + c (sum of m_i F_i - h_1 integral of sigma^2)
+
+with the chord c, the loads h_0 + h_1 sigma along the normal, the moments m_i of the shapes and their accelerations F_i.  No slope
+of a mode at the end is in it: few modes give slopes badly.
 """
 
 from __future__ import annotations
@@ -17,16 +24,12 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_drag import _add_drag
-from cablepod.condensed._kernels_end_force import _end_force, _leading_end_force
-from cablepod.condensed._kernels_exact import _monitor_step as _monitor_exact
-from cablepod.condensed._kernels_exact import exact_force
 from cablepod.condensed._kernels_frame import _complete_axes
 from cablepod.condensed._kernels_host_layout import (
     AIR_MOMENTS,
     AIR_RATES,
     AIR_VELOCITY,
     ALONG_AXIS,
-    ARMS,
     AT_CANDIDATES,
     AT_END,
     AXES,
@@ -45,16 +48,15 @@ from cablepod.condensed._kernels_host_layout import (
     END,
     END_FORCE,
     END_MASS,
-    EXACT_ROWS,
     FACTOR,
-    FORCES,
+    FIRST_TRIBUTARY,
     IMPULSE,
     IN_PLANE,
     INVALID_NUMBER,
     INVALID_STEP,
+    INVERSE_LENGTH,
     KAPPA,
-    LAST_STRETCH,
-    LEADING_ROWS,
+    LEAST_FORCE,
     LENGTH,
     LONGEST,
     LOWER,
@@ -66,14 +68,15 @@ from cablepod.condensed._kernels_host_layout import (
     NO_EQUILIBRIUM,
     NORMS,
     PATTERNS,
-    PREDICTED_STRETCH,
-    PROJECTION,
     RANK,
     RATES,
+    REACH_LOADS,
+    REACH_MOMENT,
     REFERENCE,
+    SAG_STIFFNESS,
+    SECOND_MOMENT,
     SHORTEST,
-    SLOPE,
-    SLOPES,
+    SLOPE_MOMENTS,
     STEADY_LOAD,
     STEP,
     STEP_ABOVE_LIMIT,
@@ -83,25 +86,27 @@ from cablepod.condensed._kernels_host_layout import (
     UNDAMPED,
     VELOCITY,
     VELOCITY_SLOPE,
-    WEIGHTS,
-    WORK,
     Q,
 )
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
-    FORCE,
     MAX_OMEGA_SQUARED,
     MIN_FORCE,
     MIN_FORCE_STEP,
     OMEGA_SQUARED_LIMIT,
-    PREDICTED_TENSION,
     UNSTABLE_STEP,
+    Bounds,
+    LeadingTerms,
+    Sizes,
 )
-from cablepod.condensed._kernels_leading import _chord_tension, _leading_acceleration
-from cablepod.condensed._kernels_leading import _monitor_step as _monitor_leading
+from cablepod.condensed._kernels_recorder import _monitor_step
+from cablepod.condensed._kernels_terms import _forces
+
+#: The number of load patterns as a constant of the compiled code, see :class:`cablepod.condensed._kernels_layout.Sizes`.
+TWO_PATTERNS = (0,) * PATTERNS
 
 
-@compiled(inline="always")
+@compiled(forceinline=True, counted=False)
 def _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step):
     """Return the reason to refuse a step, DONE for none."""
     dims, numbers = coefficients.sizes[DIMS], coefficients.numbers
@@ -130,7 +135,7 @@ def _check(coefficients, accepted, end_position, end_velocity, end_acceleration,
     return DONE
 
 
-@compiled(inline="always")
+@compiled(forceinline=True, counted=False)
 def _advance(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step):
     """Fill coordinates, rates, frame and boundary data at the end of a step; return the chordwise acceleration."""
     numbers, moments = coefficients.numbers, coefficients.by_coordinate[MOMENTS]
@@ -183,16 +188,72 @@ def _advance(coefficients, accepted, trial, end_position, end_velocity, end_acce
             uniform += numbers[STEADY_LOAD + d] * axes[k, d]
         trial[BOUNDARY, 1 + PATTERNS * k] = uniform
         trial[BOUNDARY, 2 + PATTERNS * k] = -numbers[MASS] * (along + damped) if k == 0 else 0.0
-    trial[MONITOR, MIN_FORCE], trial[MONITOR, MIN_FORCE_STEP] = (
-        accepted[MONITOR, MIN_FORCE],
-        accepted[MONITOR, MIN_FORCE_STEP],
-    )
+    trial[MONITOR, MIN_FORCE] = accepted[MONITOR, MIN_FORCE]
+    trial[MONITOR, MIN_FORCE_STEP] = accepted[MONITOR, MIN_FORCE_STEP]
     trial[MONITOR, MAX_OMEGA_SQUARED], trial[MONITOR, UNSTABLE_STEP] = 0.0, np.inf
     trial[MONITOR, OMEGA_SQUARED_LIMIT] = 4.0 * inverse * inverse if step > 0.0 else np.inf
     return along
 
 
-@compiled(inline="always")
+@compiled(forceinline=True, counted=False)
+def _terms(coefficients):
+    """Return the coefficients of the forces by name."""
+    numbers, kappa, means = coefficients.numbers, coefficients.by_coordinate[KAPPA], coefficients.by_pattern[MEANS]
+    return LeadingTerms(
+        numbers[STIFFNESS : STIFFNESS + 1], numbers[INVERSE_LENGTH : INVERSE_LENGTH + 1],
+        numbers[SAG_STIFFNESS : SAG_STIFFNESS + 1], kappa, means, coefficients.geometric_stiffness,
+        coefficients.load_projection,
+    )  # fmt: skip
+
+
+@compiled(forceinline=True, counted=False)
+def _end_force(coefficients, row, q, f, chord_tension, axes, force):
+    """Fill the force of the cable on the upper end (dims,) [N].
+
+    Parameters
+    ----------
+    coefficients, row
+        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; boundary data of the instant.
+    q, f
+        Coordinates and undamped accelerations (r,).
+    chord_tension
+        H [N].
+    axes, force
+        Direction from the upper end to the lower one and normals (dims, dims); filled (dims,).
+    """
+    sizes, numbers, moments = coefficients.sizes, coefficients.numbers, coefficients.by_coordinate[MOMENTS]
+    r, dims, n_in_plane = sizes[RANK], sizes[DIMS], sizes[IN_PLANE]
+    kappa, by_pattern = coefficients.by_coordinate[KAPPA], coefficients.by_pattern
+    beyond, compliance = numbers[LENGTH] - numbers[FIRST_TRIBUTARY], 1.0 / numbers[STIFFNESS]
+    # N(L0), integrals of N w' along both normals, integral of zeta
+    along, first, second = chord_tension, 0.0, 0.0
+    reach = numbers[REACH_MOMENT] * (1.0 + chord_tension * compliance)
+    for a in range(PATTERNS):
+        g = row[1 + a]
+        along += g * by_pattern[AT_END, a]
+        reach += g * by_pattern[REACH_LOADS, a] * compliance
+        for i in range(n_in_plane):
+            first += g * coefficients.by_coordinate[SLOPE_MOMENTS + a, i] * q[i]
+        for i in range(n_in_plane, r):
+            second += g * coefficients.by_coordinate[SLOPE_MOMENTS + a, i] * q[i]
+    for i in range(r):
+        total = beyond * kappa[i] * q[i]
+        for j in range(r):
+            total -= coefficients.geometric_stiffness[np.uintp(i * r + j)] * q[np.uintp(j)]
+        reach -= 0.5 * total * q[i]
+    inverse = 1.0 / row[0]
+    for d in range(dims):
+        force[d] = along * axes[0, d]
+    for k in range(dims - 1):
+        uniform, growing = row[1 + PATTERNS * (1 + k)], row[2 + PATTERNS * (1 + k)]
+        transverse = ((first if k == 0 else second) - uniform * reach) * inverse - growing * numbers[SECOND_MOMENT]
+        for i in range(0 if k == 0 else n_in_plane, n_in_plane if k == 0 else r):
+            transverse += moments[i] * f[i]
+        for d in range(dims):
+            force[d] -= transverse * axes[1 + k, d]
+
+
+@compiled(forceinline=True, counted=False)
 def _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, along):
     """Complete the force on the end: without the inertia of the end mass unless the acceleration is given; return the status."""
     numbers, dims = coefficients.numbers, coefficients.sizes[DIMS]
@@ -228,22 +289,22 @@ def _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, 
 
 
 @compiled(forceinline=True, counted=False)
-def _add_air(air, coefficients, accepted, trial, first_row, end_velocity, step, q, stretch, exact, f):
-    """Add the drag to the accelerations f (r,), and fill its moments in row `first_row` + AIR_MOMENTS; nothing in still air.
+def _add_air(air, coefficients, accepted, trial, end_velocity, step, q, f):
+    """Add the drag to the accelerations f (r,), and fill its moments in row AIR_MOMENTS; nothing in still air.
 
     The rates at the end of a step are extrapolated from the middles of this step and the last one.
     """
     if air is None:
         return
     dims, r = coefficients.sizes[DIMS], coefficients.sizes[RANK]
-    rates, between, points = trial[first_row + AIR_RATES], trial[CLOCK, BETWEEN], air.drag.size
+    rates, between, points = trial[AIR_RATES], trial[CLOCK, BETWEEN], air.drag.size
     weight = 0.5 * step / between if between > 0.0 else 0.0
     for i in range(r):
         rates[i] = trial[RATES, i] + weight * (trial[RATES, i] - accepted[RATES, i])
     samples = air.velocity.shape[0]
     place = min(max(trial[CLOCK, TIME] * air.samples_per_second, 0.0), samples - 1.0)
     sample = min(int(place), samples - 2)
-    share, first = place - sample, first_row + AIR_VELOCITY
+    share, first = place - sample, AIR_VELOCITY
     for g in range(points):
         for k in range(dims):
             total = 0.0
@@ -253,33 +314,32 @@ def _add_air(air, coefficients, accepted, trial, first_row, end_velocity, step, 
                 total += relative * trial[AXES + k, d]
             trial[first + k, g] = -total if k == 0 else total  # axis 0 points to the lower end
     _add_drag(
-        q, rates, stretch, exact, trial[first, :points], trial[first + 1, :points], trial[first + dims - 1, :points],
-        trial[first + dims, :points], trial[first + 2 * dims - 1, :points], air.drag, air.shapes, coefficients.sizes[IN_PLANE],
-        air.sigma, trial[first_row + AIR_MOMENTS], f,
+        q, rates, trial[BOUNDARY, 0] * coefficients.numbers[INVERSE_LENGTH], None, trial[first, :points],
+        trial[first + 1, :points], trial[first + dims - 1, :points], trial[first + dims, :points],
+        trial[first + 2 * dims - 1, :points], air.drag, air.shapes, coefficients.sizes[IN_PLANE], air.sigma,
+        trial[AIR_MOMENTS], f,
     )  # fmt: skip
 
 
 @compiled(forceinline=True, counted=False)
-def _add_moments(air, coefficients, trial, first_row):
+def _add_moments(air, coefficients, trial):
     """Add the reaction to the moments of the drag to the force on the end; nothing in still air."""
     if air is None:
         return
     dims = coefficients.sizes[DIMS]
     for k in range(dims - 1):
         for d in range(dims):
-            trial[END_FORCE, d] += trial[first_row + AIR_MOMENTS, k] * trial[AXES + 1 + k, d]
+            trial[END_FORCE, d] += trial[AIR_MOMENTS, k] * trial[AXES + 1 + k, d]
 
 
 @compiled(forceinline=True, counted=False)
 def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step):
-    """Fill the state after a step of the upper end, to leading order.
+    """Fill the state after a step of the upper end.
 
     Parameters
     ----------
-    coefficients
-        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`.
-    accepted
-        State before the step (rows, columns); not changed.
+    coefficients, accepted
+        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; state before the step (rows, columns).
     trial
         State after the step; filled, a function of the arguments alone.  Row END_FORCE holds the force on the end [N], row Q
         the coordinates, entry ``[CLOCK, TIME]`` the time [s].
@@ -294,88 +354,47 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     Returns
     -------
     int
-        DONE, or the reason why `trial` is not to be accepted, one of the constants of this file.
+        DONE, or the reason why `trial` is not to be accepted, one of :mod:`cablepod.condensed._kernels_host_layout`.
     """
     status = _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step)
     if status != DONE:
         return status
     along = _advance(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step)
-    r, boundary_data, monitor = coefficients.sizes[RANK], trial[BOUNDARY : BOUNDARY + 1], trial[MONITOR]
-    q, f = trial[Q, :r], trial[UNDAMPED]
-    kappa, by_pattern = coefficients.by_coordinate[KAPPA], coefficients.by_pattern
-    stiffness, length = coefficients.numbers[STIFFNESS], coefficients.numbers[LENGTH]
-    chord_tension = _chord_tension(q, boundary_data, 0, kappa, by_pattern[MEANS], stiffness, length)
-    _leading_acceleration(
-        q, boundary_data, 0, chord_tension, kappa, coefficients.geometric_stiffness,
-        coefficients.by_coordinate[PROJECTION:], f,
-    )  # fmt: skip
-    _add_air(
-        coefficients.air, coefficients, accepted, trial, LEADING_ROWS, end_velocity, step, q, boundary_data[0, 0] / length, None,
-        f,
-    )  # fmt: skip
-    _monitor_leading(
-        trial[CLOCK, COUNT], q, boundary_data, 0, chord_tension, kappa, by_pattern[NORMS], by_pattern[AT_CANDIDATES:].T,
-        stiffness, length, monitor,
-    )  # fmt: skip
-    monitor[CHORD_TENSION] = chord_tension
-    monitor[PREDICTED_TENSION] = chord_tension
-    _leading_end_force(coefficients, q, f, boundary_data, 0, chord_tension, trial[AXES:], trial[END_FORCE])
-    _add_moments(coefficients.air, coefficients, trial, LEADING_ROWS)
-    return _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, along)
+    r, row, monitor, by_pattern = coefficients.sizes[RANK], trial[BOUNDARY], trial[MONITOR], coefficients.by_pattern
+    q, f, tension = trial[Q, :r], trial[UNDAMPED, :r], trial[MONITOR, CHORD_TENSION : CHORD_TENSION + 1]
+    terms = _terms(coefficients)
+    bounds = Bounds(by_pattern[NORMS], by_pattern[AT_CANDIDATES:], trial[MONITOR, LEAST_FORCE : LEAST_FORCE + 1])
+    sizes = Sizes((0,), q, TWO_PATTERNS, row[: PATTERNS * (coefficients.sizes[DIMS] - 1)])
+    _forces(sizes, terms, row, 0, q, tension, f)
+    _add_air(coefficients.air, coefficients, accepted, trial, end_velocity, step, q, f)
+    _monitor_step(sizes, terms, bounds, row, 0, q, tension, trial[CLOCK, COUNT], monitor)
+    _end_force(coefficients, row, q, f, tension[0], trial[AXES:], trial[END_FORCE])
+    _add_moments(coefficients.air, coefficients, trial)
+    return _finish(coefficients, trial, tension[0], end_velocity, end_acceleration, along)
 
 
-@compiled(forceinline=True, counted=False)
-def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step):
-    """Fill the state after a step of the upper end, with the exact chordwise stretch; as :func:`leading_trial`."""
-    status = _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step)
-    if status != DONE:
-        return status
-    along = _advance(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step)
-    r, boundary_data, monitor = coefficients.sizes[RANK], trial[BOUNDARY : BOUNDARY + 1], trial[MONITOR]
-    q, rates, f = trial[Q, :r], trial[RATES, :r], trial[UNDAMPED]
-    by_coordinate, by_pattern, by_point = coefficients.by_coordinate, coefficients.by_pattern, coefficients.by_point
-    stiffness, length = coefficients.numbers[STIFFNESS], coefficients.numbers[LENGTH]
-    m, n_in_plane = by_point.shape[1], coefficients.sizes[IN_PLANE]
-    stretch, last = trial[PREDICTED_STRETCH, :m], trial[LAST_STRETCH, :m]
-    for j in range(m):
-        stretch[j] = accepted[PREDICTED_STRETCH, j]
-    work, slope, no_array = trial[WORK:SLOPE], trial[SLOPE:], trial[:0]
-    guess, chord_tension = accepted[MONITOR, PREDICTED_TENSION], np.nan
-    for _ in range(2):
-        chord_tension = exact_force(
-            q, rates, boundary_data, 0, by_point[SLOPES:], None, n_in_plane, by_point[FORCES:SLOPES], by_point[WEIGHTS],
-            stiffness, False, by_coordinate[PROJECTION:], no_array, guess, stretch, work, slope, no_array, no_array,
-            f, no_array, no_array,
-        )  # fmt: skip
-        if abs(chord_tension) < np.inf:
-            break
-        # extrapolated too far: once more from the last step
-        guess = accepted[MONITOR, CHORD_TENSION]
-        for j in range(m):
-            stretch[j] = accepted[LAST_STRETCH, j]
-    _add_air(
-        coefficients.air, coefficients, accepted, trial, EXACT_ROWS, end_velocity, step, q, 1.0 + chord_tension / stiffness, True,
-        f,
-    )  # fmt: skip
-    _monitor_exact(
-        trial[CLOCK, COUNT], q, boundary_data, 0, chord_tension, work[FORCE, :m], by_coordinate[KAPPA], by_pattern[NORMS],
-        stiffness, length, monitor,
-    )  # fmt: skip
-    along_force, first, second, reach = chord_tension, 0.0, 0.0, 0.0
-    for a in range(PATTERNS):
-        along_force += boundary_data[0, 1 + a] * by_pattern[AT_END, a]
-    for j in range(m):
-        weight = by_point[WEIGHTS, j]
-        first += weight * work[FORCE, j] * slope[0, j]
-        second += weight * work[FORCE, j] * slope[1, j]
-        reach += weight * by_point[ARMS, j] * stretch[j]
-    _end_force(coefficients, f, boundary_data, 0, along_force, first, second, reach, trial[AXES:], trial[END_FORCE])
-    _add_moments(coefficients.air, coefficients, trial, EXACT_ROWS)
-    # first guess for the next step: linear extrapolation, but not from the start, which has one state only
-    extrapolation = 1.0 if accepted[CLOCK, STEP] > 0.0 else 0.0
-    monitor[CHORD_TENSION] = chord_tension
-    monitor[PREDICTED_TENSION] = chord_tension + extrapolation * (chord_tension - accepted[MONITOR, CHORD_TENSION])
-    for j in range(m):
-        last[j] = stretch[j]
-        stretch[j] += extrapolation * (stretch[j] - accepted[LAST_STRETCH, j])
-    return _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, along)
+@compiled(counted=False)
+def end_forces(coefficients, q, boundary_data, ends, f, axes, tension, force):
+    """Fill the forces of the cable on the upper end (times, dims) [N] of a run in still air, inertia included.
+
+    Parameters
+    ----------
+    coefficients
+        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; the lower end is that of `ends`.
+    q, boundary_data
+        Coordinates (times, r); rows of :func:`cablepod.condensed._kernels_frame.frames` at the same instants.
+    ends
+        Positions of the ends (times, 2, dims) [m].
+    f, axes, tension
+        Work arrays (r,), (dims, dims), (1,).
+    force
+        Filled.
+    """
+    dims, terms = coefficients.sizes[DIMS], _terms(coefficients)
+    for i in range(q.shape[0]):
+        row = boundary_data[i]
+        for d in range(dims):
+            axes[0, d] = ends[i, 0, d] - ends[i, 1, d]
+        _complete_axes(axes, dims, coefficients.sizes[REFERENCE])
+        _forces(Sizes((0,), f, TWO_PATTERNS, row[1 + PATTERNS :]), terms, row, 0, q[i], tension, f)
+        _end_force(coefficients, row, q[i], f, tension[0], axes, force[i])

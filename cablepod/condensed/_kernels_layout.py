@@ -1,11 +1,19 @@
-"""Rows of the work arrays and of the monitor that the condensed kernels share."""
+"""Arguments of the condensed kernels: named arrays, rows of work arrays and of the monitor.
+
+Members lie in lanes, the last dimension of all arrays of steps to leading order, which are flat: entry (j, m) of (r, lanes) has
+the index j lanes + m.  A run alone is one lane.
+"""
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
 #: Kernels take the points of the drag in such numbers, filled up by points without weight: one vector of eight or two of four.
 POINTS_IN_VECTOR = 8
+#: Velocity of the air along the chord and two normals, and slopes of both deflections: rows of the work array of the drag.
+AIR_ROWS = 5
 # Monitor of a run: extremes over its steps, and the last two chord tensions.
 MIN_FORCE, MIN_FORCE_STEP = 0, 1  #: least chordwise force [N] and number of its step
 MAX_OMEGA_SQUARED, OMEGA_SQUARED_LIMIT = 2, 3  #: largest squared frequency so far, largest that the step allows [1/s^2]
@@ -23,7 +31,6 @@ LOAD_FORCE = 3  #: chordwise force of the loads, tau = N - H [N]
 WEIGHTED_STIFFNESS = 3  #: later, in place of LOAD_FORCE: weight times transverse stiffness, N / zeta'
 SLOPE_SQUARED = 4  #: squared slope w'^2
 CURVATURE = 5  #: half the second derivative of the law over its first
-TEST_JACOBIAN = 5  #: later, in place of CURVATURE: derivative of the chordwise stretch along one test function
 CLOSURE_ROWS = 6
 # Work array (LINK_ROWS, n) of the link tensions to leading order.
 SLOPE_IN_PLANE, SLOPE_OUT_OF_PLANE = 0, 1  #: slope of the deflection
@@ -36,6 +43,197 @@ INVERSE_LENGTH = 5  #: 1 / L0 [1/m]
 UNIFORM, SAG = 6, 7  #: the squared slopes have the factor uniform + sag times the profile of those at rest
 DAMPING_FACTOR, IMPULSE = 8, 9  #: factor of the rates by damping over a step, rate gained for unit acceleration [s]
 MEMBER_ROWS = 10
+
+
+class Sizes(NamedTuple):
+    """Numbers of lanes, coordinates and loads, as lengths.
+
+    Of a tuple the length is a constant of the compiled code, whose loops then need no remainder; that of an array is not, and one
+    compilation serves all.
+    """
+
+    lanes: Any  #: members side by side
+    modes: Any  #: coordinates r
+    patterns: Any  #: load patterns, as many loads along the chord
+    normal_loads: Any  #: loads along the normals, all patterns of the first normal first
+
+
+class LeadingTerms(NamedTuple):
+    """Coefficients of the forces to leading order on r coordinates."""
+
+    stiffness: np.ndarray  #: K (lanes) [N]
+    inverse_length: np.ndarray  #: 1 / L0 (lanes) [1/m]
+    sag_stiffness: np.ndarray  #: K / 2 L0 (lanes) [N/m]
+    kappa: np.ndarray  #: squared slope norms (r, lanes) [1/(kg m)]
+    mean_chordwise_forces: (
+        np.ndarray
+    )  #: means of the chordwise force patterns (patterns, lanes) [m], of point loads [1]
+    geometric_stiffness: (
+        np.ndarray
+    )  #: of unit chordwise force patterns (patterns, r, r, lanes) [1/kg], point loads [1/(kg m)]
+    load_projection: (
+        np.ndarray
+    )  #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
+
+
+class RateTerms(NamedTuple):
+    """Damping beside that by mass."""
+
+    tension_damping: float  #: damping by the tension [s]; 0 without
+    modal_damping: np.ndarray  #: damping matrix of ratios about rest (r r,) [1/s]; without entries: none
+
+
+class RunAir(NamedTuple):
+    """Air along a cable, and how it is held over steps."""
+
+    velocity: np.ndarray  #: at the points along the chord, then along each normal (samples, (1 + normals) points) [m/s]
+    samples_per_second: float  #: of the air, from the start of the run on [1/s]
+    drag: np.ndarray  #: weights of the points, see :func:`cablepod.condensed._kernels_drag._add_drag` (points,) [kg/m]
+    shapes: np.ndarray  #: shapes and slopes at the points (2, r, points)
+    in_plane: int  #: number of in-plane coordinates
+    hold: int  #: number of steps from one evaluation of the drag to the next
+    held: np.ndarray  #: accelerations by the drag until then, and at the last three evaluations (4, r); changed
+    work: np.ndarray  #: work array (AIR_ROWS points,)
+
+
+class Bounds(NamedTuple):
+    """What the monitor compares."""
+
+    norms: np.ndarray  #: spectral norms of the geometric stiffness (patterns, lanes)
+    candidates: np.ndarray  #: chordwise force patterns where their sum may be least (candidates, patterns, lanes)
+    least: np.ndarray  #: work: least chordwise force of a step (lanes) [N]
+
+
+class Links(NamedTuple):
+    """Tables of the links whose extremes of tension are kept, without links where none are, and the extremes."""
+
+    slopes: np.ndarray  #: slopes of the coordinates (r, links lanes)
+    in_plane: int  #: number of in-plane coordinates
+    force_patterns: np.ndarray  #: chordwise force patterns (patterns, links lanes)
+    across: np.ndarray  #: work: slope of the deflection in the plane (links lanes)
+    out_of_plane: np.ndarray  #: work: slope of the deflection out of it (links lanes)
+    force: np.ndarray  #: work: chordwise force less H (links lanes) [N]
+    low: np.ndarray  #: least tensions (links lanes) [N]; changed
+    high: np.ndarray  #: largest tensions (links lanes) [N]; changed
+
+    @classmethod
+    def of(
+        cls, slopes: np.ndarray, in_plane: int, force_patterns: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> Links:
+        """Return tables in C order, extremes and work arrays."""
+        across, out_of_plane, force = np.empty((3, low.size))
+        tables = map(np.ascontiguousarray, (slopes, force_patterns))
+        slopes, force_patterns = tables
+        return cls(slopes, in_plane, force_patterns, across, out_of_plane, force, low, high)
+
+
+class Damped(NamedTuple):
+    """Step and damping by mass c, for each lane."""
+
+    step: float  #: h [s]
+    damping: np.ndarray  #: c (lanes) [1/s]
+    decay: (
+        np.ndarray
+    )  #: of the coordinates over a step, exp(-c h / 2) (lanes); velocity Verlet: of the rates, exp(-c h)
+    impulse: (
+        np.ndarray
+    )  #: exp(c h / 2) (lanes); velocity Verlet: rate gained in a step for unit acceleration (lanes) [s]
+
+
+class ExplicitState(NamedTuple):
+    """State of a run and work arrays, (r, lanes) each; all are changed."""
+
+    q: np.ndarray  #: coordinates
+    v: np.ndarray  #: rates; what they are between two steps depends on the scheme
+    before: np.ndarray  #: Numerov: forces plus c^2 q / 4 one step before
+    earlier: np.ndarray  #: Numerov: the same two steps before
+    f: np.ndarray  #: accelerations
+    predicted: np.ndarray  #: Numerov: predicted coordinates
+    new_f: np.ndarray  #: Numerov: forces there
+    tension: np.ndarray  #: H (lanes) [N]
+
+    @classmethod
+    def of(cls, q: np.ndarray, v: np.ndarray, before: np.ndarray, lanes: int = 1) -> ExplicitState:
+        """Return the state at the start, (r lanes,) each."""
+        earlier, f, predicted, new_f = np.zeros((4, q.size))
+        return cls(q.copy(), v.copy(), before.copy(), earlier, f, predicted, new_f, np.empty(lanes))
+
+
+class Record(NamedTuple):
+    """Steps that are saved, and where."""
+
+    steps: np.ndarray  #: numbers of the steps (outputs,)
+    coordinates: np.ndarray  #: filled: coordinates (outputs, r, lanes)
+    half_step_rates: (
+        np.ndarray
+    )  #: filled: rates half a step before and after (outputs, 2, r, lanes), or without entries
+
+
+#: Number of samples of the error equation that are computed side by side (a multiple of the vectors of processors; no power of
+#: two, as rows would then share lines of the cache), of fields at the points, and of sums over them.
+BLOCK, FIELDS, SUMS = 136, 13, 6
+
+
+class ErrorWork(NamedTuple):
+    """Work arrays of the samples that are computed side by side."""
+
+    loads: np.ndarray  #: loads along the chord (patterns, BLOCK)
+    motion: np.ndarray  #: coordinates, rates and accelerations (3, r, BLOCK)
+    fields: np.ndarray  #: at the points (FIELDS, m, BLOCK)
+    sums: np.ndarray  #: over the points (SUMS, BLOCK)
+    own: np.ndarray  #: enriched coordinates (R, BLOCK)
+    forces: np.ndarray  #: on these (R, BLOCK)
+    tension: np.ndarray  #: H of a sample (1,)
+
+    @classmethod
+    def of(cls, terms: ErrorTerms) -> ErrorWork:
+        """Return work arrays for a number of points and coordinates."""
+        (size, r), (m, patterns) = terms.change.shape, terms.force_patterns.shape
+        shapes = (patterns, BLOCK), (3, r, BLOCK), (FIELDS, m, BLOCK), (SUMS, BLOCK), (size, BLOCK), (size, BLOCK), (1,)
+        return cls(*map(np.empty, shapes))
+
+
+class ExactTerms(NamedTuple):
+    """Coefficients of the exact forces, at the links or quadrature points (m)."""
+
+    stiffness: float  #: K [N]
+    green: bool  #: whether law (21) holds
+    slopes: np.ndarray  #: slopes of the coordinates (r, m)
+    in_plane: int  #: number of in-plane coordinates
+    force_patterns: np.ndarray  #: chordwise force patterns (patterns, m)
+    weights: np.ndarray  #: unstretched lengths of the links, or quadrature weights (m,) [m]
+    load_projection: np.ndarray  #: of unit loads along the normals (normal loads, r)
+    #: masses [kg] of the particles above the links and their relative arc lengths (2, m); at quadrature points the chordwise mass
+    #: matrix (m, m) [kg m^2]; without entries: no chordwise inertia
+    inertia: np.ndarray
+
+
+class ExactWork(NamedTuple):
+    """Work arrays of the exact forces."""
+
+    closure: np.ndarray  #: of the closure (CLOSURE_ROWS, m)
+    slope: np.ndarray  #: slopes of the deflections (2, m)
+    slope_rate: np.ndarray  #: their rates (2, m)
+    stretch_jacobian: np.ndarray  #: derivatives of the stretch by the coordinates, and momenta of these (2 r, m)
+
+
+class ErrorTerms(NamedTuple):
+    """Coefficients of the error equation: of the enriched model, R coordinates, and of points along the cable."""
+
+    sizes: Sizes  #: of the enriched model, one lane
+    enriched: LeadingTerms
+    change: np.ndarray  #: matrix from the motion's coordinates to the enriched ones (R, r)
+    weights: np.ndarray  #: of the points (m,) [m]
+    force_patterns: np.ndarray  #: chordwise force patterns (m, patterns)
+    slopes_of_motion: np.ndarray  #: slopes of the motion's coordinates (m, r)
+    slopes: np.ndarray  #: slopes of the enriched ones (R, m)
+    in_plane: int  #: number of the motion's in-plane coordinates
+    enriched_in_plane: int  #: the same of the enriched model
+    inertia: np.ndarray  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_closure._chordwise_momentum`
+    damping: Any  #: by mass, a number [1/s]
+    green: bool  #: whether law (21) holds
+    leading: bool  #: whether the motion obeys the closure to leading order
+    corrections: int  #: number of joint Newton corrections of the closure
 
 
 def initial_monitor(omega_squared_limit: float, chord_tension: float) -> np.ndarray:

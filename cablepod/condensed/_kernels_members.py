@@ -10,15 +10,15 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.condensed._kernels_error import error_at_rest, error_growth
+from cablepod.condensed._kernels_error import error_at_rest, error_growth, exact_differences
 from cablepod.condensed._kernels_fields import close_leading, deflections, positions
 from cablepod.condensed._kernels_frame import frames
+from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms
+from cablepod.condensed._kernels_recorder import link_tensions
 
 
 @compiled
-def errors_of_members(
-    rest, motions, boundary_data, step, constants, numbers, points, coefficients, initial_rate, mean_squares, largest
-):
+def errors_of_members(rest, motions, boundary_data, step, terms, work, drive, vectors, mean_squares, largest):
     """Integrate the error equations of many members, see :mod:`cablepod.condensed._kernels_error`.
 
     Parameters
@@ -32,43 +32,62 @@ def errors_of_members(
         Those of the samples (members, samples, columns).
     step
         Interval of the samples [s].
-    constants
-        The constants after the first three, which members share.
-    numbers
-        K [N], L0 [m] and mass damping [1/s] (members, 3).
-    points, coefficients
-        As there, with a leading dimension of members, but for the relative arc lengths (m,) and the part of its own stretch that
-        displaces a point.
-    initial_rate
-        Rate of the error at the start (members, R).
+    terms
+        Coefficients with a leading dimension of members, see :func:`cablepod.condensed._error_equation.scaled_terms`.
+    work, drive, vectors
+        Work arrays: those of :func:`exact_differences`, what it fills, and vectors of the error (members, 7, R), of which row 1
+        holds the rate of the error at the start.
     mean_squares, largest
         Filled: as there, (members, samples) and (members, R + 1).
     """
-    weights, sigma, masses, share, patterns, slopes_of_motion, slopes = points
-    change, kappa, mean_forces, stiffness, stiffness_change, projection = coefficients
     q, half_step_rates, steps_per_second = motions
     samples, r = q.shape[1], q.shape[2]
     rest_q, ends, no_accelerations, load, reference, mass = rest
-    rates, accelerations, no_points = np.empty((samples, r)), np.empty((samples, r)), np.empty((0, load.shape[1], 1))
-    boundary_row, initial_error = np.empty((1, boundary_data.shape[2])), np.empty(kappa.shape[1])
-    green, leading, corrections, in_plane, enriched_in_plane = constants
+    rates, accelerations, still = np.empty((samples, r)), np.empty((samples, r)), np.zeros((1, r))
+    size, row, no_points = vectors.shape[2], np.empty((1, boundary_data.shape[2])), np.empty((0, load.shape[1], 1))
+    tangent, tension, at_rest = np.empty((size, size)), np.empty(1), np.empty((3, size))
+    y, difference, change, largest_force = drive
     for m in range(q.shape[0]):
-        own_constants = (
-            numbers[m, 0], numbers[m, 1], numbers[m, 2], green, leading, corrections, in_plane, enriched_in_plane,
+        of_enriched = terms.enriched
+        enriched = LeadingTerms(
+            of_enriched.stiffness[m], of_enriched.inverse_length[m], of_enriched.sag_stiffness[m], of_enriched.kappa[m],
+            of_enriched.mean_chordwise_forces[m], of_enriched.geometric_stiffness[m], of_enriched.load_projection[m],
         )  # fmt: skip
-        own_points = (weights[m], sigma, masses[m], share, patterns[m], slopes_of_motion[m], slopes[m])
-        own = (change[m], kappa[m], mean_forces[m], stiffness[m], stiffness_change[m], projection[m])
-        frames(ends[m], no_accelerations, load[m], no_points, reference[m], mass[m], boundary_row)
-        if not error_at_rest(rest_q[m : m + 1], boundary_row, own_constants, own_points, own, initial_error):
-            initial_error[:] = 0.0
+        own = ErrorTerms(
+            terms.sizes, enriched, terms.change[m], terms.weights[m], terms.force_patterns[m], terms.slopes_of_motion[m],
+            terms.slopes[m], terms.in_plane, terms.enriched_in_plane, terms.inertia[m], terms.damping[m], terms.green,
+            terms.leading, terms.corrections,
+        )  # fmt: skip
+        frames(ends[m], no_accelerations, load[m], no_points, reference[m], mass[m], row)
+        exact_differences(own, row, rest_q[m : m + 1], still, still, work, y, difference, change, largest_force)
+        found = error_at_rest(
+            enriched, terms.leading, row[0], y[0], difference[0], change[0], at_rest, tangent, tension
+        )
+        for i in range(size):
+            vectors[m, 0, i] = at_rest[0, i] if found else 0.0
         for t in range(samples):
             for j in range(r):
                 rates[t, j] = 0.5 * (half_step_rates[m, t, 0, j] + half_step_rates[m, t, 1, j])
                 accelerations[t, j] = (half_step_rates[m, t, 1, j] - half_step_rates[m, t, 0, j]) * steps_per_second
+        exact_differences(own, boundary_data[m], q[m], rates, accelerations, work, y, difference, change, largest_force)
         error_growth(
-            q[m], rates, accelerations, boundary_data[m], step, own_constants, own_points, own, initial_error,
-            initial_rate[m], mean_squares[m], largest[m],
+            terms.sizes, enriched, terms.leading, own.damping, step, boundary_data[m], y, difference, change, largest_force,
+            vectors[m], mean_squares[m], largest[m],
         )  # fmt: skip
+
+
+@compiled
+def tensions_of_members(terms, boundary_data, q, slopes, in_plane, force_patterns, rows, tension):
+    """Fill the tensions of links of many members, see :func:`cablepod.condensed._kernels_recorder.link_tensions`.
+
+    All arrays have a leading dimension of members; those of `tension` (rows, times, links) are `rows` (members,).
+    """
+    for m in range(q.shape[0]):
+        own = LeadingTerms(
+            terms.stiffness[m], terms.inverse_length[m], terms.sag_stiffness[m], terms.kappa[m],
+            terms.mean_chordwise_forces[m], terms.geometric_stiffness[m], terms.load_projection[m],
+        )  # fmt: skip
+        link_tensions(own, boundary_data[m], q[m], slopes[m], in_plane, force_patterns[m], tension[rows[m]])
 
 
 @compiled

@@ -1,179 +1,303 @@
-"""Members abreast in lanes: arrays of their numbers, laid out for the kernel that advances them, and its results."""
+"""Members side by side in lanes: their coefficients as the explicit steps take them, and results of runs with equal steps."""
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablepod.condensed._stepper import DIVERGENCE_FACTOR
+from cablepod.condensed._kernels_layout import (
+    MIN_FORCE,
+    MIN_FORCE_STEP,
+    MONITOR_ROWS,
+    OMEGA_SQUARED_LIMIT,
+    UNSTABLE_STEP,
+    Bounds,
+    ExplicitState,
+    LeadingTerms,
+    Links,
+    Record,
+)
+from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER, damped_step
+from cablepod.condensed._terms import constant_sizes
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import ramped
 
 if TYPE_CHECKING:
-    from cablepod.condensed._batch import CondensedBatch, MemberCoefficients
-    from cablepod.condensed._model import CondensedModel
+    from cablepod.condensed._batch import MemberCoefficients
 
-#: Largest number of lanes: the numbers of so many members fit in the first cache.
+#: Number of lanes: the numbers of so many members fit in the first cache; a constant of the compiled steps.
 LANES = 32
-#: The number of lanes is a multiple of that of double-precision numbers in the longest vector registers.
-VECTOR = 8
+#: Number of steps whose boundary data are computed at once: a multiple of that after which rotations begin anew.
+BLOCK = 512
 
 
-class LaneResults(NamedTuple):
-    """Results of the members of a batch, beside the series."""
+@dataclass(frozen=True)
+class MemberEnds:
+    """Ends of stacked members that move by sines."""
 
+    rows: np.ndarray  #: coordinate of the ends that each motion moves (motions,)
+    motions: np.ndarray  #: (members, motions, MOTION_ROWS), see :mod:`cablepod.parameters._kernels_sines`
+    initial: np.ndarray  #: ends at rest (members, 2, dims) [m]
+
+    @classmethod
+    def of(cls, p: Parameters) -> MemberEnds:
+        """Collect the motions of stacked members."""
+        columns, rows = [], []
+        count, _, dims = p.ends.shape
+        initial = p.ends.reshape(count, 2 * dims)
+        for (end, axis), motion in p.motions.items():
+            rows.append(dims * ENDS.index(end) + COORDINATES.index(axis))
+            values = {name: value[:, 0] for name, value in motion.values.items()}
+            phase = values.get("phase", np.full(count, -0.5 * np.pi))  # that of one_minus_cosine
+            ramp, origin = values.get("ramp", np.zeros(count)), initial[:, rows[-1]]
+            columns.append(
+                np.stack([values["angular_frequency"], phase, values["amplitude"], origin, p.damping, ramp], axis=1)
+            )
+        motions = np.stack(columns, axis=1) if columns else np.empty((count, 0, 6))
+        return cls(np.array(rows, dtype=np.int64), motions, p.ends)
+
+    def take(self, part: np.ndarray) -> MemberEnds:
+        """Return the ends of some members."""
+        return MemberEnds(self.rows, self.motions[part], self.initial[part])
+
+    def positions(self, times: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Return positions, or their first or second derivatives (members, times, end, dims) [m]."""
+        members, _, dims = self.initial.shape
+        result = np.zeros((members, times.size, 2 * dims))
+        if derivative == 0:
+            result[:] = self.initial.reshape(members, 1, 2 * dims)
+        for k, row in enumerate(self.rows.tolist()):
+            omega, phase, amplitude, _, _, ramp = (self.motions[:, k, i, None] for i in range(6))
+            angle = omega * times + phase
+            change = [
+                amplitude * (np.sin(angle) - np.sin(phase)),
+                *([amplitude * omega * np.cos(angle)] if derivative > 0 else []),
+                *([-amplitude * omega * omega * np.sin(angle)] if derivative > 1 else []),
+            ]
+            result[:, :, row] += ramped(times, ramp, change) if ramp.any() else change[-1]
+        return result.reshape(members, times.size, 2, dims)
+
+
+@dataclass(frozen=True)
+class LaneResults:
+    """Saved states of members with equal steps, and their extremes."""
+
+    instants: OutputTimes
+    saved: np.ndarray  #: coordinates at the saved steps (members, steps, r)
+    half_step_rates: np.ndarray  #: rates half a step before and after (members, steps, 2, r), or without steps
+    boundary_data: np.ndarray  #: boundary data at the saved steps (members, steps, columns), or without steps
     low: np.ndarray  #: least tensions (members, links or 0) [N]
     high: np.ndarray  #: largest tensions (members, links or 0) [N]
     least_force: np.ndarray  #: least chordwise forces (members,) [N]
     least_force_step: np.ndarray  #: numbers of their steps (members,)
     completed: np.ndarray  #: whether a member remained stable and bounded (members,)
 
+    @property
+    def q(self) -> np.ndarray:
+        """Coordinates at the instants of the output (members, times, r)."""
+        saved = np.swapaxes(self.saved, 0, 1)
+        left = self.instants.left
+        if not self.instants.needs_interpolation:
+            return self.saved if np.array_equal(left, np.arange(self.saved.shape[1])) else self.saved.take(left, axis=1)
+        before, after = (np.swapaxes(self.half_step_rates[:, :, k], 0, 1) for k in (0, 1))
+        rates, accelerations = 0.5 * (before + after), (after - before) * self.instants.steps_per_second
+        return np.ascontiguousarray(np.swapaxes(self.instants.at_times(saved, rates, accelerations), 0, 1))
 
-class LaneGroups:
-    """Arrays of members, (members, ...), as groups of lanes, (groups, ..., lanes).
+
+class Lanes:
+    """Members of a batch for the explicit steps; :meth:`advance` runs some of them with one step.
 
     Parameters
     ----------
-    count
-        Number of members.  Groups are of equal size; the last lanes repeat the last member.
+    batch
+        Parameters and coefficients.
+    ends
+        Ends of the members.
+    scheme
+        An explicit scheme.
+    stable_phase
+        Longest stable step times the highest angular frequency.
     """
 
-    def __init__(self, count: int) -> None:
-        self.count, self.groups = count, -(-count // LANES)
-        self.lanes = -(-count // (self.groups * VECTOR)) * VECTOR
+    def __init__(self, batch: MemberCoefficients, ends: MemberEnds, scheme: str, stable_phase: float) -> None:
+        self.batch, self.ends, self.scheme, self.stable_phase = batch, ends, scheme, stable_phase
+        p, unit = batch.parameters, batch.plan.unit
+        self.bound = DIVERGENCE_FACTOR * np.sqrt(p.mass * batch.total * unit.chain.tributary_length.sum()) * batch.total
+        patterns = len(unit.load_patterns)
+        self.sizes = constant_sizes(sum(unit.ranks), patterns, patterns * (p.dims - 1), LANES)
+        candidates = np.swapaxes(batch.scaled.named["chordwise_forces_at_candidates"], 1, 2)
+        self.of_monitor = batch.scaled.named["geometric_stiffness_norms"], candidates
 
-    def split(self, values: np.ndarray) -> np.ndarray:
-        """Lay out the rows of an array (members, ...)."""
-        missing = self.groups * self.lanes - self.count
-        padded = np.concatenate([values, np.repeat(values[-1:], missing, axis=0)], dtype=float)
-        groups = padded.reshape(self.groups, self.lanes, *values.shape[1:])
-        return np.ascontiguousarray(np.moveaxis(groups, 1, -1))
+    def advance(
+        self,
+        part: np.ndarray,
+        instants: OutputTimes,
+        q: np.ndarray,
+        v: np.ndarray,
+        *,
+        extremes: bool,
+        rates: bool,
+        loads: bool,
+    ) -> LaneResults:
+        """Run the members with the numbers `part`, with the steps of `instants`.
 
-    def full(self, rows: int, value: float) -> np.ndarray:
-        """Make an array (groups, rows, lanes) of one value."""
-        return np.full((self.groups, rows, self.lanes), value)
-
-    def join(self, values: np.ndarray) -> np.ndarray:
-        """Return the rows (members, ...) of an array that :meth:`split` made."""
-        rows = np.moveaxis(values, -1, 1).reshape(self.groups * self.lanes, *values.shape[1:-1])
-        return rows[: self.count]
-
-
-def advance(
-    batch: CondensedBatch,
-    q: np.ndarray,
-    v: np.ndarray,
-    amplitudes: tuple[np.ndarray, ...],
-    tension: np.ndarray,
-    position: np.ndarray,
-) -> LaneResults:
-    """Advance all members of a batch from coordinates and rates half a step before the start (members, r).
-
-    Fills the amplitudes of the modes as given (members, times, modes) [m], set by set, and, where there is room for them, the
-    tensions of links (members, times, links) [N] and positions (members, times, particles, dims) [m].
-    """
-    from cablepod.condensed import _kernels_leading_lanes as kernel  # numba is imported only to compute
-
-    plan, unit, instants, count = batch.plan, batch.plan.unit, batch.plan.instants, len(q)
-    groups = LaneGroups(count)
-    shapes, of_links = np.concatenate(unit.modes[: len(unit.sets)]).T.copy(), link_coefficients(unit, None)
-    slopes, force_patterns = link_coefficients(unit, plan.links)
-    extremes = len(slopes) if "tension_extremes" in plan.outputs else 0
-    low, high = groups.full(extremes, np.inf), groups.full(extremes, -np.inf)
-    least_force, least_force_step, largest_omega_squared = (
-        np.full((groups.groups, groups.lanes), value) for value in (np.inf, 0.0, 0.0)
-    )
-    rows, motions = member_motions(batch.parameters)
-    parameters, state = batch.parameters, (groups.split(q), groups.split(v))
-    stiffness, norms, projection, bases = matrices(batch)
-    kernel.leading_lanes(
-        count, *((0,) * number for number in (*unit.ranks, 0)[:2]), (0,) * len(unit.load_patterns),
-        int(instants.steps[-1]) + 1, instants.steps_per_second, instants.steps, rows, groups.split(motions),
-        groups.split(parameters.ends.reshape(count, -1)), groups.split(batch.load[:, :, 0]),
-        None if unit.chain.p.dims == 2 else groups.split(np.eye(3)[batch.reference]), *state,
-        groups.split(batch.scaled.slope_norms_squared), groups.split(member_numbers(batch, instants.steps_per_second)),
-        unit.mean_chordwise_forces, groups.split(stiffness), groups.split(projection), groups.split(norms),
-        np.ascontiguousarray(unit.chordwise_forces_at_candidates[:, [0, -1]]), slopes, force_patterns,
-        groups.split(bases), shapes, unit.chain.length, rest_profile(unit), *of_links,
-        watched_steps(plan.window, instants.steps_per_second), low, high, least_force, least_force_step,
-        largest_omega_squared, amplitudes[0], amplitudes[-1], tension, position,
-    )  # fmt: skip
-    limit = 4.0 * instants.steps_per_second**2
-    bound = DIVERGENCE_FACTOR * np.sqrt(_masses(batch)) * batch.total
-    completed = (np.abs(groups.join(state[0])) < bound[:, None]).all(axis=1)
-    completed &= largest_omega_squared.ravel()[:count] < limit
-    low, high = (np.copysign(np.sqrt(np.abs(square)), square) for square in (groups.join(low), groups.join(high)))
-    return LaneResults(low, high, least_force.ravel()[:count], least_force_step.ravel()[:count], completed)
+        `q` and `v` are coordinates and rates of all members at the start, the latter half a step before for velocity Verlet;
+        `extremes`, `rates` and `loads` tell whether extremes of tensions, rates and boundary data are kept.
+        """
+        plan, count, r = self.batch.plan, part.size, q.shape[1]
+        saved = instants.steps.size
+        columns = 1 + len(self.sizes.patterns) + len(self.sizes.normal_loads)
+        links = 0 if not extremes else plan.unit.chain.links if plan.links is None else plan.links.size
+        shapes = (
+            (saved, r),
+            (saved if rates else 0, 2, r),
+            (saved if loads else 0, columns),
+            (links,),
+            (links,),
+            (MONITOR_ROWS,),
+        )
+        groups = -(-count // LANES)
+        results = [np.empty((groups * LANES, *shape)) for shape in shapes]
+        final = np.empty((groups * LANES, r))
+        for g in range(groups):
+            lanes = slice(g * LANES, (g + 1) * LANES)
+            members = part[np.minimum(np.arange(lanes.start, lanes.stop), count - 1)]  # the last lanes repeat a member
+            group = _Group(self, members, instants, q[members], v[members], links, rates=rates, loads=loads)
+            group.run()
+            for result, values in zip(results, group.results(), strict=True):
+                result[lanes] = values
+            final[lanes] = group.of_lanes(group.state.q, r)
+        coordinates, half_step_rates, boundary_data, low, high, monitor = (result[:count] for result in results)
+        completed = (np.abs(final[:count]) < self.bound[part, None]).all(axis=1) & np.isinf(monitor[:, UNSTABLE_STEP])
+        least_force, least_force_step = monitor[:, MIN_FORCE], monitor[:, MIN_FORCE_STEP]
+        return LaneResults(
+            instants, coordinates, half_step_rates, boundary_data, low, high, least_force, least_force_step, completed
+        )
 
 
-def _masses(batch: CondensedBatch) -> np.ndarray:
-    """Return the masses of the cables (members,) [kg]."""
-    return batch.parameters.mass * batch.total * batch.plan.unit.chain.tributary_length.sum()
+class _Group:
+    """One group of lanes in a run with equal steps."""
+
+    def __init__(
+        self,
+        lanes: Lanes,
+        members: np.ndarray,
+        instants: OutputTimes,
+        q: np.ndarray,
+        v: np.ndarray,
+        links: int,
+        *,
+        rates: bool,
+        loads: bool,
+    ) -> None:
+        batch, p = lanes.batch, lanes.batch.parameters
+        plan, named = batch.plan, batch.scaled.named
+        self.lanes, self.instants, self.r = lanes, instants, q.shape[1]
+        self.terms = LeadingTerms(*(_flat(array[members]) for array in batch.terms))
+        norms, candidates = (array[members] for array in lanes.of_monitor)
+        by_candidate = np.moveaxis(candidates, 0, -1).reshape(candidates.shape[1], -1)
+        self.bounds = Bounds(_flat(norms), np.ascontiguousarray(by_candidate), np.empty(LANES))
+        chosen = np.arange(links) if plan.links is None else plan.links[:links]
+        tables = (named[name][members][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
+        slopes, patterns = (np.moveaxis(table, 0, -1).reshape(table.shape[1], -1) for table in tables)
+        size = links * LANES
+        low, high = np.full(size, np.inf), np.full(size, -np.inf)
+        self.links = Links.of(slopes, plan.unit.n_in_plane, patterns, low, high)
+        none = np.empty(0)
+        self.no_links = self.links._replace(low=none, high=none)
+        self.damped = damped_step(p.damping[members], 1.0 / instants.steps_per_second, lanes.scheme)
+        self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
+        limit = (lanes.stable_phase * instants.steps_per_second) ** 2
+        self.monitor = np.zeros((MONITOR_ROWS, LANES))
+        self.monitor[[MIN_FORCE, UNSTABLE_STEP]], self.monitor[OMEGA_SQUARED_LIMIT] = np.inf, limit
+        saved, columns = instants.steps.size, 1 + len(lanes.sizes.patterns) + len(lanes.sizes.normal_loads)
+        self.coordinates = np.empty((saved, self.r, LANES))
+        self.rates = np.empty((saved if rates else 0, 2, self.r, LANES))
+        self.boundary_data = np.empty((saved if loads else 0, columns, LANES))
+        motions = np.ascontiguousarray(np.moveaxis(lanes.ends.motions[members], 0, -1))
+        count, dims = len(lanes.ends.rows), p.dims
+        work = np.empty((count, 5, LANES)), np.empty((count, 2, 4, LANES)), np.empty((9, LANES))
+        reference = None if dims == 2 else np.ascontiguousarray(np.eye(3)[batch.reference[members]].T)
+        self.of_ends = lanes.ends.rows, motions, work
+        self.of_frames = (
+            _flat(p.ends[members]).reshape(2 * dims, LANES), np.zeros((2 * dims, LANES)),
+            np.ascontiguousarray(batch.load[members, :, 0].T), p.mass[members], reference,
+        )  # fmt: skip
+        self.rows = np.empty((BLOCK + 1) * columns * LANES)
+
+    def run(self) -> None:
+        """Take all steps, block by block; blocks end at the borders of the window of the extremes."""
+        from cablepod.condensed import _kernels_explicit as kernel  # numba is imported only to compute
+
+        lanes, steps = self.lanes, self.instants.steps
+        is_verlet = lanes.scheme != FOURTH_ORDER
+        total = int(steps[-1])
+        window = lanes.batch.plan.window
+        first, last = (0, total) if window is None else steps_within(window, self.instants.steps_per_second)
+        starts = sorted({*range(0, total + 1, BLOCK), first, min(last + is_verlet, total + is_verlet)})
+        ends = [*starts[1:], total + is_verlet]
+        for begin, end in zip(starts, ends, strict=True):
+            count = end - begin  # steps of Numerov's method, rows of velocity Verlet
+            if count <= 0 and not (begin == 0 and not is_verlet):
+                continue
+            rows = self._boundary_data(begin, max(count - is_verlet, min(2, total) if begin == 0 else 0))
+            from_saved, to_saved = np.searchsorted(steps, [begin, end if is_verlet or end < total else end + 1])
+            saved = slice(int(from_saved), int(to_saved))
+            self._keep_boundary_data(rows, begin, saved)
+            rates = self.rates[saved].reshape(-1) if len(self.rates) else self.rates.reshape(-1)
+            record = Record(steps[saved], self.coordinates[saved].reshape(-1), rates)
+            within = first <= begin and end - is_verlet <= last
+            shared = lanes.sizes, self.terms, self.bounds, self.links if within else self.no_links, self.damped
+            outputs = self.state, begin, record, self.monitor.reshape(-1)
+            if is_verlet:
+                kernel.verlet(*shared, None, None, rows, count, *outputs)
+            else:
+                kernel.numerov(*shared, rows, count, *outputs)
+
+    def _boundary_data(self, begin: int, steps: int) -> np.ndarray:
+        """Return the boundary data of the steps `begin` ... `begin + steps` (steps + 1, columns, lanes), flat."""
+        from cablepod.condensed import _kernels_lanes as kernel
+
+        sizes, columns = self.lanes.sizes, 1 + len(self.lanes.sizes.patterns) + len(self.lanes.sizes.normal_loads)
+        before = begin % BLOCK  # rotations start at whole blocks
+        rows = self.rows[: (before + steps + 1) * columns * LANES]
+        moved, motions, work = self.of_ends
+        kernel.boundary_data_of_lanes(
+            sizes.lanes, sizes.patterns, begin - before, before + steps, self.instants.steps_per_second, moved, motions, work,
+            *self.of_frames, rows,
+        )  # fmt: skip
+        return rows[before * columns * LANES :]
+
+    def _keep_boundary_data(self, rows: np.ndarray, begin: int, saved: slice) -> None:
+        """Keep the boundary data of the saved steps of a block."""
+        if len(self.boundary_data):
+            columns = self.boundary_data.shape[1]
+            self.boundary_data[saved] = rows.reshape(-1, columns, LANES)[self.instants.steps[saved] - begin]
+
+    def results(self) -> tuple[np.ndarray, ...]:
+        """Return coordinates, rates, boundary data, extremes and monitor, members first."""
+        links = self.links.low.reshape(-1, LANES), self.links.high.reshape(-1, LANES)
+        arrays = self.coordinates, self.rates, self.boundary_data, *links, self.monitor
+        return tuple(np.moveaxis(array, -1, 0) for array in arrays)
+
+    @staticmethod
+    def of_lanes(values: np.ndarray, rows: int) -> np.ndarray:
+        """Return an array (rows, lanes), flat, as (lanes, rows)."""
+        return values.reshape(rows, LANES).T
 
 
-def link_coefficients(unit: CondensedModel, links: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return slopes of the modes as given (links, r) and chordwise force patterns (links, patterns); of all links for None."""
-    chosen = slice(None) if links is None else links
-    slopes = np.diff(np.concatenate(unit.modes[: len(unit.sets)]), axis=1) / unit.chain.length
-    return slopes.T[chosen].copy(), unit.chordwise_force_patterns.T[chosen].copy()
+def _flat(array: np.ndarray) -> np.ndarray:
+    """Return an array (lanes, ...) as (..., lanes), flat."""
+    return np.ascontiguousarray(array.reshape(LANES, -1).T).reshape(-1)
 
 
-def matrices(batch: MemberCoefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return geometric stiffness, its norms and load projections for loads times the length, and matrices to amplitudes."""
-    unit, named, total = batch.plan.unit, batch.scaled.named, batch.total
-    bases = np.zeros((total.size, sum(unit.ranks), max(unit.ranks)))
-    for which, basis in zip(unit.sets, batch.scaled.bases, strict=False):
-        bases[:, which, : basis.shape[2]] = basis
-    return (
-        named["geometric_stiffness"] / total[:, None, None, None],
-        named["geometric_stiffness_norms"] / total[:, None],
-        named["load_projection"] / total[:, None, None],
-        bases,
-    )
-
-
-def watched_steps(window: tuple[float, float] | None, steps_per_second: float) -> np.ndarray:
-    """Return the first and the last step that extremes count (2,); all for None."""
-    if window is None:
-        return np.array([0, np.iinfo(np.int64).max])
-    return np.array(steps_within(window, steps_per_second))
-
-
-def rest_profile(unit: CondensedModel) -> np.ndarray:
+def rest_profile(batch: MemberCoefficients) -> np.ndarray:
     """Return the squared slopes at rest over their mean square (n,), those of a uniform load."""
+    unit = batch.plan.unit
     shear = unit.chordwise_force_patterns[0] - unit.mean_chordwise_forces[0]
     return shear * shear / (shear * shear @ unit.chain.length)
-
-
-def member_numbers(batch: MemberCoefficients, steps_per_second: float) -> np.ndarray:
-    """Return the numbers of the members (members, MEMBER_ROWS), columns as in ``_kernels_layout``."""
-    p, total, damping = batch.parameters, batch.total, batch.parameters.damping
-    step, damped = 1.0 / steps_per_second, damping != 0.0
-    impulse = np.where(damped, -np.expm1(-damping * step) / np.where(damped, damping, 1.0), step)
-    return np.stack(
-        [
-            p.stiffness, total, p.mass, 0.5 * p.stiffness / total, batch.scaled.slope_norms_squared.max(axis=1),
-            1.0 / total, batch.states.uniform, batch.states.sag, np.exp(-damping * step), impulse,
-        ],
-        axis=1,
-    )  # fmt: skip
-
-
-def member_motions(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
-    """Return the coordinate that each motion moves (motions,), and the motions (members, motions, MOTION_ROWS)."""
-    columns, rows = [], []
-    count, _, dims = p.ends.shape
-    initial = p.ends.reshape(count, 2 * dims)
-    for (end, axis), motion in p.motions.items():
-        rows.append(dims * ENDS.index(end) + COORDINATES.index(axis))
-        values = {name: value[:, 0] for name, value in motion.values.items()}
-        phase = values.get("phase", np.full(count, -0.5 * math.pi))  # that of one_minus_cosine
-        ramp, origin = values.get("ramp", np.zeros(count)), initial[:, rows[-1]]
-        columns.append(
-            np.stack([values["angular_frequency"], phase, values["amplitude"], origin, p.damping, ramp], axis=1)
-        )
-    motions = np.stack(columns, axis=1) if columns else np.empty((count, 0, 6))
-    return np.array(rows, dtype=np.int64), motions

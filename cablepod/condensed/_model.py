@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -11,8 +11,11 @@ import numpy as np
 from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
+from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.parameters._parameters import Parameters
 
 #: Relative tolerance of the equilibrium: last Newton correction over the initial deflection.
@@ -78,21 +81,20 @@ class CondensedModel(Coefficients):
         return boundary_data if len(boundary_data) == instants else np.repeat(boundary_data, instants, axis=0)
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
-        """Project deflections (normals, times, particle) [m] onto the coordinates (times, r) with the test functions."""
+        """Project deflections (normals, times, particle) [m] onto the coordinates (times, r)."""
         momenta = self.momenta(deflection)
         if self.reference_state is None:
             return momenta
         parts = []
-        for which in self.sets:  # test functions and shapes are dual in mass and chordwise inertia, not in mass alone
-            gram = (self.test_functions[which] * self.mass) @ self.shapes[which].T
+        for which in self.sets:  # shapes are orthonormal in mass and chordwise inertia, not in mass alone
+            gram = (self.shapes[which] * self.mass) @ self.shapes[which].T
             parts.append(np.linalg.solve(gram, momenta[:, which].T).T)
         return np.concatenate(parts, axis=1)
 
     def momenta(self, deflection_rates: np.ndarray) -> np.ndarray:
         """Project rates of deflections (normals, times, particle) [m/s] onto rates of the coordinates (times, r), as impulses."""
         parts = [
-            (part * self.mass) @ self.test_functions[which].T
-            for part, which in zip(deflection_rates, self.sets, strict=False)
+            (part * self.mass) @ self.shapes[which].T for part, which in zip(deflection_rates, self.sets, strict=False)
         ]
         return np.concatenate(parts, axis=1)
 
@@ -162,7 +164,8 @@ class CondensedModel(Coefficients):
             from cablepod.condensed import _kernels_leading as kernel
 
             q = q.copy()
-            return q if kernel.leading_rest(q, static[None], *self.leading_coefficients) else None
+            work = np.empty_like(q), np.empty_like(q), np.empty((q.size, q.size)), np.empty(1)
+            return q if kernel.leading_rest(self.terms, static, q, *work) else None
         scale, first = np.abs(q).max(), q
         for _ in range(MAX_ITERATIONS):
             force, tangent, *_ = self._forces(q, np.zeros_like(q), static)
@@ -180,16 +183,59 @@ class CondensedModel(Coefficients):
         return q if converged else None
 
     @cached_property
-    def leading_coefficients(self) -> tuple[Any, ...]:
-        """Coefficients that the forces of order "leading" need, in the order of the kernels' arguments."""
-        return (
+    def damping_matrix(self) -> np.ndarray:
+        """Damping matrix of the ratios of the scene, of vibrations about rest (r, r) [1/s]; without entries: none."""
+        if self.chain.p.damping_ratios is None:
+            return np.empty((0, 0))
+        _, stiffness, mass, _ = self._forces(self.rest, np.zeros_like(self.rest), self.static_boundary_data)
+        return modal_damping(
+            self.chain.p.damping_ratios, stiffness, mass if self.inertia.size else np.ones(len(stiffness))
+        )
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """Coordinates at rest in still air (r,), also where the run starts from another shape."""
+        p = self.chain.p
+        at_rest = replace(self, chain=replace(self.chain, p=replace(p, initial={}))) if p.initial else self
+        return at_rest.initial_state[0]
+
+    @cached_property
+    def terms(self) -> LeadingTerms:
+        """Coefficients of the forces to leading order."""
+        return terms_of_lane(
             self.chain.p.stiffness,
             self.chain.total_length,
             self.slope_norms_squared,
-            self.test_stiffness_defect,
             self.mean_chordwise_forces,
             self.geometric_stiffness,
             self.load_projection,
+        )
+
+    @cached_property
+    def exact_terms(self) -> ExactTerms:
+        """Coefficients of the exact forces, at the points of `rule`."""
+        slopes, patterns, weights = self.rule
+        p = self.chain.p
+        return ExactTerms(
+            p.stiffness,
+            bool(self.green),
+            slopes,
+            self.n_in_plane,
+            patterns,
+            weights,
+            self.load_projection,
+            self.inertia,
+        )
+
+    def sizes(self, *, constant: bool) -> Sizes:
+        """Return the numbers of coordinates and loads, as constants of the compiled code or not."""
+        make = constant_sizes if constant else runtime_sizes
+        return make(len(self.shapes), len(self.load_patterns), len(self.load_projection))
+
+    def bounds(self) -> Bounds:
+        """Return what the monitor of a run compares."""
+        return Bounds(
+            self.geometric_stiffness_norms, np.ascontiguousarray(self.chordwise_forces_at_candidates.T), np.empty(1)
         )
 
     @cached_property
@@ -227,21 +273,18 @@ class CondensedModel(Coefficients):
         from cablepod.condensed import _kernels_leading as kernel_leading
         from cablepod.condensed._kernels_layout import CLOSURE_ROWS
 
-        chain, r = self.chain, q.size
-        f, tangent, mass, k = np.empty(r), np.empty((r, r)), np.eye(r), chain.p.stiffness
+        r = q.size
+        f, tangent, mass = np.empty(r), np.empty((r, r)), np.eye(r)
         if self.order == "leading":
-            coefficients = self.leading_coefficients
-            chord_tension = kernel_leading.leading_force(q, boundary_data[None], 0, *coefficients, f, tangent)
-            return f, tangent, mass, chord_tension
-        slopes, chordwise_force_patterns, weights = self.rule
-        m = weights.size
-        work = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+            tension = np.empty(1)
+            kernel_leading.leading_force(self.terms, boundary_data, q, f, tangent, tension)
+            return f, tangent, mass, float(tension[0])
+        m = self.rule[2].size
+        work = ExactWork(np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m)))
+        guess, stretch = self.tension_guess(boundary_data, q), np.full(m, self.stretch_guess(boundary_data))
         chord_tension = kernel_exact.exact_force(
-            q, v, boundary_data[None], 0, slopes, self.test_slopes_at_points, self.n_in_plane,
-            chordwise_force_patterns, weights, k, self.green, self.load_projection, self.inertia,
-            self.tension_guess(boundary_data, q), np.full(m, self.stretch_guess(boundary_data)), *work, f, tangent,
-            mass,
-        )  # fmt: skip
+            self.exact_terms, boundary_data, q, v, guess, stretch, work, f, tangent, mass
+        )
         return f, tangent, mass, chord_tension
 
     def tension_guess(self, boundary_data: np.ndarray, q: np.ndarray) -> float:
@@ -266,29 +309,19 @@ class CondensedModel(Coefficients):
         kappa, norms = self.slope_norms_squared, self.geometric_stiffness_norms
         load_frequency_bound = float(np.abs(boundary_data[1 : 1 + norms.size]) @ norms)
         sag = self.chain.p.stiffness / self.chain.total_length * float(((kappa * q) ** 2).sum())
-        return self.frequency_amplification * (abs(chord_tension) * float(kappa.max()) + sag) + load_frequency_bound
+        return abs(chord_tension) * float(kappa.max()) + sag + load_frequency_bound
 
     def omega_taut_squared(self, end_time: float, intervals: int = 1000) -> float:
         """Return the largest squared angular frequency without sag, at the longest chord up to `end_time` [s], in 1/s^2."""
         longest = _longest_chord(self.chain.p, end_time, intervals)
         chord_tension = self.chain.p.stiffness * max(longest / self.chain.total_length - 1.0, 0.0)
-        return self.frequency_amplification * chord_tension * float(self.slope_norms_squared.max())
+        return chord_tension * float(self.slope_norms_squared.max())
 
     @cached_property
     def rest_tension(self) -> float:
         """Mean of the tensions of both ends at rest [N]."""
         statics = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
         return 0.5 * float(statics[4] + statics[5])
-
-    @cached_property
-    def unstable_growth_rate(self) -> float:
-        """Largest growth rate of small vibrations about rest [1/s]; 0 with the modes as test functions."""
-        if self.raw_test_functions is None:
-            return 0.0
-        q, v = self.initial()
-        _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.static_boundary_data)
-        omega_squared = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
-        return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * self.chain.p.damping
 
 
 @lru_cache(KEPT_CHORDS)

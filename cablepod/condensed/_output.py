@@ -93,8 +93,7 @@ def variables(
             ],
         }
     else:
-        saved = state.tension
-        values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
+        values = {"tension": lambda: selected_tensions(model, q, times, links)}
     peaks = {}
     if state.peak_times is not None:
         middles = middles_of(chain.arc_length)
@@ -115,7 +114,6 @@ def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Data
         "time_of_smallest_force": float(state.monitor[MIN_FORCE_STEP]) / state.instants.steps_per_second,
         **{name: float(value) for name, value in forcing.items()},
         **model.chain.p.offsets(),
-        **({} if model.raw_test_functions is None else {"growth_over_run": model.unstable_growth_rate * end_time}),
         **distance_outside_training(modes, model.chain.p, model.chain.total_length, end_time, model.rest_tension),
     }
 

@@ -1,4 +1,4 @@
-"""Public functions of prepared models: condensed models that a host program steps, or that run again and again."""
+"""Public functions of prepared models: condensed models that a host program steps."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, PREPARED, SCENE, taken
-from cablepod.condensed._assembly import TEST, model_of
+from cablepod.condensed._assembly import model_of
 from cablepod.condensed._host import air_of_host, with_moving_end
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_coefficients, check_contents, stored_model
+from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
+from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_step
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_per_second
-from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
-#: Orders of prepared models.
-ORDERS = ("leading", "exact")
+#: Order of prepared models.
+ORDER = "leading"
 #: Default step over the stability limit at rest: frequency errors of at most 0.3 %, in the highest mode.
 STEP_OVER_LIMIT = 0.125
 
@@ -32,22 +32,22 @@ def prepare(
     modes: xr.Dataset,
     *,
     rank: int | None = None,
-    order: str = "leading",
+    order: str = ORDER,
     step: float | None = None,
     wind: xr.Dataset | None = None,
 ) -> PreparedModel:
-    """Prepare a condensed model for repeated runs, or for a host program that moves its upper end.
+    """Prepare a condensed model for a host program that moves its upper end.
 
     Parameters
     ----------
     scene
         Scene of one cable with both ends held and steady uniform loads; its motions are those of :meth:`PreparedModel.run`.
     modes
-        Modes of layout "normal", as for :func:`cablepod.condensed.simulate`, without trained test functions.
+        Modes of layout "normal", as for :func:`cablepod.condensed.simulate`.
     rank
         Number of modes of each deflection; all by default.
     order
-        "leading" or "exact", see :func:`cablepod.condensed.simulate`.
+        "leading", see :func:`cablepod.condensed.simulate`, which has others.
     step
         Step of :meth:`PreparedModel.run` [s]; by default an eighth of the stability limit at rest, or less where the motions of
         the scene are faster.
@@ -63,7 +63,7 @@ def prepare(
     ------
     SceneError
         For point loads, load factors, ice, a given initial shape, a free end, viscous links, damping by the tension, members,
-        trained test functions, and as :func:`cablepod.condensed.simulate`.
+        and as :func:`cablepod.condensed.simulate`.
 
     Warns
     -----
@@ -81,8 +81,7 @@ def prepare(
     >>> force = guy.step(end + [0.001, 0.0], [0.1, 0.0], 0.01)
     >>> round(float(guy.time), 3), force.shape
     (0.01, (2,))
-    >>> fast = guy.run({"motion.upper.x.amplitude": -0.05})
-    >>> fast.amplitude.shape
+    >>> guy.run().amplitude.shape  # the motion of the scene
     (125, 2)
     """
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
@@ -103,11 +102,10 @@ def prepare(
 
 def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order: str) -> tuple[CondensedModel, float]:
     """Return model and stability limit at rest [s]; refuse what prepared models lack."""
-    choice(*ORDERS)("order", order)
+    if not isinstance(order, str) or order != ORDER:
+        raise scene_error("order", order, f'"{ORDER}"; try: condensed.simulate')
     p = parameters_of(scene)
     _check_scene(p)
-    if TEST in modes:
-        raise SceneError("modes: given trained test functions; allowed: modes without them; try: condensed.simulate")
     model = model_of(with_moving_end(p), modes, rank=rank, order=order, law="linear")
     q, v = model.initial()
     tension = model.force(q, v, model.static_boundary_data)[2]
@@ -124,6 +122,7 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error("ice.thickness", 0.5 * (p.diameter - p.bare.diameter), "0 m; try: condensed.simulate")
     if p.tension_damping is not None:
         raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")
+    refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")
     if p.initial:
         key = f"initial.{next(iter(p.initial))}"
         raise scene_error(key, "a start from another shape", "a start from equilibrium; try: condensed.simulate")
@@ -170,10 +169,8 @@ def _resumed(dataset: xr.Dataset, wind: xr.Dataset | None) -> PreparedModel:
     if wind is not None and wind.attrs.get("id", NO_ID) != stored.wind:
         raise scene_error("wind", wind.attrs.get("id", NO_ID), f"the field with the id {stored.wind}")
     step = check_step(stored.step, limit, "as at `prepare`")
-    prepared = PreparedModel(scene, modes, model, step, wind, step_is_chosen=stored.step_is_chosen)
-    check_coefficients(stored.coefficients, prepared.coefficients)
-    # the modes give these coefficients again, but on another machine not always to the last bit
-    prepared._coefficients = stored.coefficients._replace(air=prepared.coefficients.air)
+    chosen, coefficients = stored.step_is_chosen, stored.coefficients
+    prepared = PreparedModel(scene, modes, model, step, wind, step_is_chosen=chosen, stored=coefficients)
     prepared.state = stored.state
     check_contents(dataset, prepared)
     return prepared

@@ -1,10 +1,9 @@
-"""Prepared model: steps of a host that moves the upper end, the state between them, and repeated runs."""
+"""Prepared model: steps of a host that moves the upper end, the state between them, and runs of the scene."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,17 +18,17 @@ from cablepod.condensed._host import (
     initial_state,
     refusal,
     static_stiffness,
-    step_kernel,
     vector,
 )
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._prepared_dataset import ROUNDING, checked_state, dataset_of
-from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
+from cablepod.condensed._prepared_dataset import ROUNDING, check_coefficients, checked_state, dataset_of
+from cablepod.condensed._prepared_run import OUTPUTS, PreparedRun, run
+from cablepod.condensed._simulate import check_links
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._particle_air import OF_DRAG
-from cablepod.integrate._request import check_positive, check_step
+from cablepod.integrate._request import check_outputs, check_positive, check_step
 from cablepod.parameters._key_paths import motion_path
 
 
@@ -52,7 +51,10 @@ class PreparedModel:
         wind: xr.Dataset | None = None,
         *,
         step_is_chosen: bool = False,
+        stored: HostCoefficients | None = None,
     ) -> None:
+        from cablepod.condensed import _kernels_host  # numba is imported only to compute
+
         self._scene, self._modes, self._model = scene, modes, model
         #: Field of the wind in place of that of the scene; None without.
         self.wind = wind
@@ -64,12 +66,15 @@ class PreparedModel:
         #: Whether :func:`cablepod.condensed.prepare` chose it.
         self.step_is_chosen = step_is_chosen
         self._coefficients = host_coefficients(model, air)
-        self._kernel = step_kernel(model.order)
+        if stored is not None:
+            # the modes give these coefficients again, but on another machine not always to the last bit
+            check_coefficients(stored, self._coefficients)
+            self._coefficients = stored._replace(air=self._coefficients.air)
+        self._kernel = _kernels_host.leading_trial
         self._accepted = initial_state(model, self._coefficients, air)
         self._initial, self._trial = self._accepted.copy(), self._accepted.copy()
         self._dims, self._has_trial, self._warned = model.chain.p.dims, False, False
         self._no_acceleration = np.empty(0)
-        self._runner: PreparedRunner | None = None
         p = model.chain.p
         lower = [motion_path(*key) for key in p.motions if key[0] == "lower"]
         self._moving_lower_end = lower[0] if lower else None
@@ -286,29 +291,13 @@ class PreparedModel:
 
     # --- runs and Datasets --------------------------------------------------------------------------------------------
 
-    def run(
-        self,
-        parameters: Mapping[str, float] | None = None,
-        *,
-        times: Any = None,
-        end_position: Any = None,
-        outputs: tuple[str, ...] = ("end_force",),
-        links: Any = None,
-    ) -> PreparedRun:
-        """Run the cable from rest with other motions, loads or parameters; the state of the steps stays as it is.
-
-        To order "leading" the terms of second order keep the reference state of the prepared scene: prepare again for scenes
-        whose tension differs by more than some tens of per cent.
+    def run(self, *, times: Any = None, outputs: tuple[str, ...] = ("end_force",), links: Any = None) -> PreparedRun:
+        """Run the cable from rest with the motions of the scene; the state of the steps stays as it is.
 
         Parameters
         ----------
-        parameters
-            Numbers that replace those of the scene, by key path: ``{"motion.upper.x.amplitude": 0.1, "cable.top_tension": 9e3}``.
         times
-            Instants of the output [s]; those of the scene by default, or all steps of `end_position`.
-        end_position
-            Positions of the upper end at the steps 0, h, 2 h, ... (steps + 1, dims) [m], h = :attr:`prepared_step`, instead of
-            the motions of the scene.
+            Instants of the output [s]; those of the scene by default.
         outputs
             Some of "position", "tension" and "end_force"; amplitudes come in any case.
         links
@@ -322,8 +311,7 @@ class PreparedModel:
         Raises
         ------
         SceneError
-            For parameters that the scene lacks or that would change its structure, values that are not allowed, a step above
-            the stability limit.
+            For options that are not allowed, and a step above the stability limit.
         RunStopped
             As :func:`cablepod.condensed.simulate`.
 
@@ -334,9 +322,9 @@ class PreparedModel:
         NotConvergedWarning
             Where the step does not resolve the motion of the ends.
         """
-        if self._runner is None:
-            self._runner = PreparedRunner(self._scene, self._modes, self._model, self.prepared_step, self.wind)
-        return self._runner.run(parameters, times, end_position, outputs, links)
+        outputs = check_outputs(outputs, OUTPUTS)
+        chosen = None if links is None else check_links(links, self._modes)
+        return run(self._model, self._coefficients, self.prepared_step, self.wind, times, outputs, chosen)
 
     def dataset(self) -> xr.Dataset:
         """Return the model with its accepted state as a Dataset, from which :func:`cablepod.condensed.resume` goes on bit by bit.

@@ -76,29 +76,23 @@ def _strain(x: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def chordwise_inertia(
-    test_products: np.ndarray,
-    slope_products: np.ndarray,
-    length: np.ndarray,
-    arc_length: np.ndarray,
-    tributary_length: np.ndarray,
+    slope_products: np.ndarray, length: np.ndarray, arc_length: np.ndarray, tributary_length: np.ndarray
 ) -> np.ndarray:
-    """Return the inertia of the chordwise motion that belongs to deflections, over the mass per length (..., tests, r) [m].
+    """Return the inertia of the chordwise motion that belongs to deflections, over the mass per length (..., r, r) [m].
 
     A link of slope w' whose deflection has the slope phi' shortens by w' phi' along the chord; what is left over to the ends is
     taken from all links alike.
 
     Parameters
     ----------
-    test_products, slope_products
-        Slopes w' psi' of the test functions (..., tests, n) and w' phi' of the deflections (..., r, n).
+    slope_products
+        Slopes w' phi' of the deflections (..., r, n).
     length, arc_length, tributary_length
         Unstretched lengths of the links (n,), arc lengths and tributary lengths of the particles (n + 1,) [m].
     """
-    sigma, displacements = arc_length[1:] / arc_length[-1], []
-    for products in (test_products, slope_products):
-        sums = np.cumsum(products * length, axis=-1)
-        displacements.append(sums - sums[..., -1:] * sigma)
-    return (displacements[0] * tributary_length[1:]) @ np.swapaxes(displacements[1], -1, -2)
+    sums = np.cumsum(slope_products * length, axis=-1)
+    displacements = sums - sums[..., -1:] * (arc_length[1:] / arc_length[-1])
+    return (displacements * tributary_length[1:]) @ np.swapaxes(displacements, -1, -2)
 
 
 def orthogonal_coordinates(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

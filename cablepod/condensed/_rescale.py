@@ -29,29 +29,20 @@ class ModeStructure:
 
     sigma: np.ndarray = field(compare=False)  #: relative arc length of the particles (n + 1,)
     modes: tuple[np.ndarray, ...] = field(compare=False)  #: modes of each set (mode, particle)
-    raw_test_functions: tuple[np.ndarray, ...] | None = field(compare=False)  #: see ``Coefficients``
     p: Parameters = field(compare=False)  #: any parameters with these kinds of loads
     order: str
     law: str
     quadrature: int | None
-    second_order: bool  #: whether order "leading" has the terms of second order
     key: tuple[Any, ...]  #: content of the fields that are not compared
 
     @classmethod
     def of(
-        cls,
-        p: Parameters,
-        sigma: np.ndarray,
-        modes: tuple[np.ndarray, ...],
-        raw_test_functions: tuple[np.ndarray, ...] | None,
-        options: tuple[str, str, int | None, bool],
+        cls, p: Parameters, sigma: np.ndarray, modes: tuple[np.ndarray, ...], options: tuple[str, str, int | None]
     ) -> ModeStructure:
-        """Make the structure of a scene on modes; `options` are order, law, quadrature and ``second_order``."""
-        arrays = (sigma, *modes, *(raw_test_functions or ()))
-        content = tuple((array.shape, array.tobytes()) for array in arrays)
+        """Make the structure of a scene on modes; `options` are order, law and quadrature."""
+        content = tuple((array.shape, array.tobytes()) for array in (sigma, *modes))
         loads = (p.dims, bool(p.motions), tuple(load.fraction for load in p.point_loads))
-        key = (content, raw_test_functions is None, loads)
-        return cls(sigma, modes, raw_test_functions, p, *options, key)
+        return cls(sigma, modes, p, *options, (content, loads))
 
 
 @lru_cache(UNIT_MODELS)
@@ -60,9 +51,7 @@ def unit_model(structure: ModeStructure) -> CondensedModel:
     sigma = structure.sigma.copy()
     chain = LumpedChain(replace(structure.p, mass=1.0), np.diff(sigma), sigma, structure.law)
     modes = tuple(shape.copy() for shape in structure.modes)
-    return CondensedModel(
-        chain, structure.order, modes, structure.quadrature, structure.raw_test_functions, structure.second_order
-    )
+    return CondensedModel(chain, structure.order, modes, structure.quadrature)
 
 
 class MemberStates(NamedTuple):
@@ -135,9 +124,6 @@ def rescale_coefficients(
         "geometric_stiffness_norms": stiffness_by_load,
         "load_projection": np.concatenate([load_scaling] * (unit.chain.p.dims - 1), axis=1) * mass_scaling[:, None],
     }
-    if unit.raw_test_functions is not None:
-        factors |= {"test_functions": mass_scaling, "test_slopes": factors["slopes"]}
-        factors["test_stiffness_defect"] = stiffness_scaling
     named |= {name: _scale(factor, getattr(unit, name)) for name, factor in factors.items()}
     bases, kappa = unit.spectral_basis
     return RescaledCoefficients(
@@ -202,8 +188,8 @@ def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     result.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
     states = None
     if result.reference_state is not None:
-        if p.point_loads or unit.raw_test_functions is not None:
-            return result  # another profile of the slopes, or duals of other shapes: computed from the modes
+        if p.point_loads:
+            return result  # another profile of the slopes: computed from the modes
         uniform, sag = (np.array([value]) for value in result.reference_state)
         states = MemberStates(uniform, sag, ((result.rest_shear**2 @ chain.length) / total)[None])
     scaled = rescale_coefficients(unit, np.array([p.mass]), np.array([total]), states)
@@ -222,6 +208,7 @@ def same_structure(p: Parameters, other: Parameters) -> bool:
         and p.free_end == other.free_end
         and p.link_viscosity == other.link_viscosity
         and (p.tension_damping is None) == (other.tension_damping is None)
+        and (p.damping_ratios is None) == (other.damping_ratios is None)
         and list(p.motions) == list(other.motions)
         and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
     )

@@ -176,14 +176,19 @@ def _scheme_of(
     """Return the given scheme, or the default one for a stability limit of explicit steps [s].
 
     `fits` is whether the run chooses step and tolerance; `has_rates`, whether forces depend on the rates beyond the damping by
-    mass, which velocity Verlet alone contains.
+    mass or by ratios, which velocity Verlet alone contains.
     """
+    has_ratios = model.chain.p.damping_ratios is not None
     if scheme is not None:
         if scheme not in SCHEMES_OF[model.order]:
             names = ", ".join(f'"{name}"' for name in SCHEMES_OF[model.order])
             raise scene_error("scheme", scheme, f'one of {names} with order "{model.order}"')
         if has_rates and scheme != SCHEMES[0]:
             raise scene_error("scheme", scheme, f'"{SCHEMES[0]}" with wind or damping.tension_proportional')
+        if has_ratios and scheme == FOURTH_ORDER:
+            raise scene_error(
+                "scheme", scheme, f'"{SCHEMES[0]}" or "{SCHEMES[1]}" with damping.ratio or damping.ratios'
+            )
         return scheme
     if has_rates:
         return SCHEMES[0]
@@ -191,7 +196,7 @@ def _scheme_of(
     taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
     resolves_damping = 0.25 * model.chain.p.damping**2 <= omega_squared  # Numerov's step would have to
     is_fine = limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut)
-    if fits and model.order == "leading" and is_fine and resolves_damping:
+    if fits and model.order == "leading" and is_fine and resolves_damping and not has_ratios:
         return FOURTH_ORDER
     explicit = limit >= IMPLICIT_THRESHOLD * 2.0 / math.sqrt(taut)
     return SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
@@ -289,10 +294,10 @@ class CondensedRun:
     @property
     def stable_phase(self) -> float:
         """Longest stable step times the highest angular frequency."""
-        damping = self.model.chain.p.tension_damping
-        if self.explicit and damping is not None:
+        p = self.model.chain.p
+        if self.explicit and (p.tension_damping is not None or p.damping_ratios is not None):
             omega = math.sqrt(self.model.initial_forces[2])
-            return omega * verlet_step_limit(omega, damping)
+            return omega * verlet_step_limit(omega, p.tension_damping or 2.0 * max(p.damping_ratios or ()) / omega)
         return STABLE_PHASE[self.scheme]
 
     @property

@@ -49,8 +49,7 @@ def simulate(
         Scene with both ends held; it need not be the training scene of the modes.  Members of a scene with ``member`` run
         concurrently; failed members hold nan and report the reason in ``failure``.
     modes
-        Result of :func:`cablepod.pod.decompose` with layout "normal", transferred by sigma = S / L0.  They are also the test
-        functions, unless they contain trained ones from :func:`cablepod.oblique.train`.
+        Result of :func:`cablepod.pod.decompose` with layout "normal", transferred by sigma = S / L0.
     rank
         Number of modes of each deflection; all by default.
     times
@@ -97,9 +96,8 @@ def simulate(
         outputs, on the particles of the modes; of members that run in lanes ``end_position`` is computed when it is read.
         Attributes: scheme, step [s], number of steps, ``step_limit`` [s], the stability limit of explicit steps at the start,
         and the diagnostics of :mod:`cablepod.reduced`: ``smallest_chordwise_force`` [N] over all steps,
-        ``forcing_over_axial_frequency``, ``energy_share_kept``, ``outside_training``, ``error_estimate`` (largest expected
-        error over time as a fraction of the motion, including ``time_error_estimate``), and with trained test functions
-        ``growth_over_run`` (largest growth rate of vibrations about rest times duration).
+        ``forcing_over_axial_frequency``, ``energy_share_kept``, ``outside_training`` and ``error_estimate`` (largest expected
+        error over time as a fraction of the motion, including ``time_error_estimate``).
 
     Raises
     ------
@@ -112,7 +110,7 @@ def simulate(
     -----
     OutOfRangeWarning
         Where the chordwise force becomes negative (the cable goes slack, and the model is ill-posed), the ends or loads change as
-        fast as waves travel along the cable, vibrations about rest grow, or the estimated error exceeds half of the motion.
+        fast as waves travel along the cable, or the estimated error exceeds half of the motion.
     NotConvergedWarning
         Where no step meets the tolerance, and where a given step does not resolve the motion of the ends or the loads.
     VelocityJumpWarning

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cablepod.condensed._fields import CondensedTrajectory
-from cablepod.condensed._kernels_layout import initial_monitor
+from cablepod.condensed._kernels_layout import (
+    AIR_ROWS,
+    Damped,
+    ExplicitState,
+    Links,
+    RateTerms,
+    Record,
+    RunAir,
+    initial_monitor,
+)
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._means import with_steps_of_means
 from cablepod.integrate._output_times import OutputTimes, with_judged
@@ -22,6 +30,8 @@ if TYPE_CHECKING:
 FOURTH_ORDER = "numerov"
 #: Schemes whose steps must not be too long for the damping.
 EXPLICIT = ("velocity_verlet", FOURTH_ORDER)
+#: Maximum number of coordinates that is a constant of the compiled steps: each is compiled for itself, and faster by a third.
+MAX_CONSTANT_SIZE = 16
 #: Coordinates beyond this multiple of sqrt(mass) times length have diverged.
 DIVERGENCE_FACTOR = 1e6
 
@@ -74,62 +84,74 @@ class CondensedStepper:
         if self.sample_interval:
             self.instants = self.instants.with_multiples(self.sample_interval)
         self.instants = with_steps_of_means(self.instants, run.outputs, run.window)
-        self.q, self.v, self.acceleration, self.stretch = self._initial_arrays()
-        damping = model.chain.p.tension_damping
-        #: Rates one and a half steps before the start, damping by the tension, and wind; None for absent terms.
-        self._velocity_terms: tuple[Any, ...] = (None,) * 6
-        #: Number of steps over which the drag is held, and its evaluations (4, r); None without wind.
-        self._held_drag: tuple[Any, ...] = (None, None)
-        if damping is not None or run.air is not None:
-            before = 3.0 * self.v - 2.0 * run.start.rates  # the prediction at the start gives the rates there
-            self._velocity_terms = (before, damping, *((None,) * 4 if run.air is None else run.air.arguments))
-        if run.air is not None and run.leading:
-            self._held_drag = (run.air.hold(run.start.chord_tension, self.step), np.zeros((4, len(model.shapes))))
-        self.previous_acceleration = self.acceleration.copy()
-        # the kernels compare frequencies of the modes, without the amplification by test functions
-        limit = run.stable_phase**2 * steps_per_second**2 / model.frequency_amplification
-        self.monitor = initial_monitor(limit, run.start.chord_tension)
         count, r = self.instants.steps.size, len(model.shapes)
         self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
         #: Boundary data of the saved steps (steps, columns).
         self.boundary_data = np.empty((count, 1 + len(model.load_patterns) * model.chain.p.dims))
-        #: Slopes (r, n), number of in-plane coordinates and chordwise force patterns (patterns, n) of the links with tensions.
-        self.links = (model.slopes, model.n_in_plane, model.chordwise_force_patterns)
-        chosen = run.links if run.leading else None  # to leading order a tension needs no other link
-        if chosen is not None:
-            slopes, patterns = (table.take(chosen, axis=1) for table in (self.links[0], self.links[2]))  # in C order
-            self.links = (slopes, model.n_in_plane, patterns)
-        links = self.links[0].shape[1]
+        self.monitor = initial_monitor(run.stable_phase**2 * steps_per_second**2, run.start.chord_tension)
         self.wants_extremes = "tension_extremes" in run.outputs
-        self.low, self.high = (np.full(links if self.wants_extremes else 0, value) for value in (np.inf, -np.inf))
-        #: Whether tensions are saved on the way; otherwise they follow from the saved coordinates.
-        self.saves_tension = (
-            chosen is not None and run.explicit and "tension" in run.outputs and not self.instants.needs_interpolation
-        )
-        self.tension_series = np.empty((count, links if self.saves_tension else 0))
+        # to leading order a tension needs no other link, with the exact stretch it does
+        chosen = np.arange(model.chain.links) if run.links is None or not run.leading else run.links
+        if not self.wants_extremes:
+            chosen = chosen[:0]
+        self.low, self.high = np.full(chosen.size, np.inf), np.full(chosen.size, -np.inf)
+        self.modal_damping = model.damping_matrix.reshape(-1)  #: flat, without entries where there is none
+        #: Coordinates, rates and damped accelerations (3, r); an explicit run to leading order has a state of its own.
+        self.state = self._initial_state()
+        before = 3.0 * self.state[1] - 2.0 * run.start.rates  # the prediction at the start gives the rates there
+        self.explicit_state = ExplicitState.of(self.state[0], self.state[1], before)
+        #: Chordwise stretch: first guess for the next step, and that of the last one (2, m); empty to leading order.
+        self.stretch = np.empty((2, 0))
+        if run.leading:
+            slopes, patterns = (
+                np.ascontiguousarray(table[:, chosen]) for table in (model.slopes, model.chordwise_force_patterns)
+            )
+            self.links = Links.of(slopes, model.n_in_plane, patterns, self.low, self.high)
+        else:
+            self.stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
+        self.bounds = model.bounds()
+        self.rate_terms, self.air = self._terms_of_rates()
         self.divergence_bound = DIVERGENCE_FACTOR * model.root_total_mass * model.chain.total_length
 
     @property
-    def changed(self) -> tuple[np.ndarray, ...]:
-        """All arrays that a step changes."""
-        of_drag = [array for array in (self._velocity_terms[0], self._held_drag[1]) if array is not None]
-        return self.q, self.v, self.acceleration, self.previous_acceleration, self.stretch, self.monitor, *of_drag
+    def q(self) -> np.ndarray:
+        """Coordinates of the last step (r,)."""
+        return self.explicit_state.q if self.run.leading and self.run.scheme in EXPLICIT else self.state[0]
 
-    def _initial_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return q, rates (explicit: half a step before the start), accelerations (r,), and chordwise stretch (2, m)."""
-        model, start = self.run.model, self.run.start
-        damping = model.chain.p.damping
-        stretch = np.empty((2, 0))
-        if not self.run.leading:
-            stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
-        damped = start.acceleration - damping * start.rates
-        if self.run.scheme not in EXPLICIT:
-            return start.q.copy(), start.rates.copy(), damped, stretch
-        growth = damped_growth(damping, self.step)
-        if not self.run.explicit:
-            return start.q.copy(), start.rates.copy(), damped, stretch
-        impulse_back = 0.5 * self.step if not damping else growth / damping
-        return start.q.copy(), start.rates * (1.0 + growth) - impulse_back * start.acceleration, damped, stretch
+    @property
+    def changed(self) -> tuple[np.ndarray, ...]:
+        """All arrays that a step changes and the next one needs."""
+        held = () if self.air is None else (self.air.held,)
+        return self.state, self.stretch, self.monitor, *self.explicit_state, *held
+
+    def _initial_state(self) -> np.ndarray:
+        """Return coordinates, rates (velocity Verlet: half a step before the start) and damped accelerations (3, r)."""
+        start, damping = self.run.start, self.run.model.chain.p.damping
+        rates, model, matrix = start.rates, self.run.model, self.run.model.damping_matrix
+        acceleration = start.acceleration
+        if matrix.size and rates.any():
+            damped = matrix @ rates
+            acceleration = acceleration - (
+                model.accelerations(damped, start.q, rates) if model.inertia.size else damped
+            )
+        if self.run.explicit:
+            growth = damped_growth(damping, self.step)
+            impulse_back = 0.5 * self.step if not damping else growth / damping
+            rates = start.rates * (1.0 + growth) - impulse_back * acceleration
+        return np.stack([start.q, rates, acceleration - damping * start.rates])
+
+    def _terms_of_rates(self) -> tuple[RateTerms | None, RunAir | None]:
+        """Return damping beside that by mass, and air; None where there is neither."""
+        run, damping, matrix = self.run, self.run.model.chain.p.tension_damping, self.modal_damping
+        if damping is None and run.air is None and not matrix.size:
+            return None, None
+        terms, air = RateTerms(damping or 0.0, matrix), None
+        if run.air is not None:
+            hold = run.air.hold(run.start.chord_tension, self.step) if run.leading else 1
+            velocity, rate, drag, shapes = run.air.arguments
+            held, work = np.zeros((4, len(run.model.shapes))), np.empty(AIR_ROWS * drag.size)
+            air = RunAir(velocity, rate, drag, shapes, run.model.n_in_plane, hold, held, work)
+        return terms, air
 
     def advance(self, begin: int, steps: int) -> bool:
         """Take `steps` steps from number `begin`; return whether all were done and the coordinates are bounded."""
@@ -140,76 +162,56 @@ class CondensedStepper:
         table = run.model.boundary_data if run.boundary_data is None else run.boundary_data
         boundary_data = table(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
         self.boundary_data[first:last] = boundary_data[output_steps[first:last] - begin]
-        outputs = (
-            begin, output_steps[first:last], self.saved[first:last], self.half_step_rates[first:last], self.low,
-            self.high, self.monitor,
-        )  # fmt: skip
-        if run.leading:
-            done = self._advance_leading(boundary_data, outputs, self.tension_series[first:last])
-        else:
-            done = self._advance_exact(boundary_data, outputs)
+        saved = (array[first:last].reshape(-1) for array in (self.saved, self.half_step_rates))
+        record = Record(output_steps[first:last], *saved)
+        advance = self._advance_leading if run.leading else self._advance_exact
+        done = advance(boundary_data, begin, steps, record)
         # not a number is not below the bound either
         return done in (None, steps) and float(np.abs(self.q).max()) < self.divergence_bound
 
-    def _advance_leading(
-        self, boundary_data: np.ndarray, outputs: tuple[Any, ...], tension_series: np.ndarray
-    ) -> int | None:
+    def _advance_leading(self, boundary_data: np.ndarray, begin: int, steps: int, record: Record) -> int | None:
         """Advance to leading order; return the steps done, None for an explicit run, which does all."""
-        # numba is imported only to compute
-        model = self.run.model
-        norms = model.geometric_stiffness_norms / model.frequency_amplification
-        rest = (*model.leading_coefficients, norms, model.chordwise_forces_at_candidates, *self.links, *outputs)
-        if self.run.explicit:
-            from cablepod.condensed import _kernels_leading as kernel
+        model, rows = self.run.model, boundary_data.reshape(-1)
+        constant = self.run.scheme in EXPLICIT and len(model.shapes) <= MAX_CONSTANT_SIZE
+        shared = model.sizes(constant=constant), model.terms, self.bounds, self.links
+        if self.run.scheme not in EXPLICIT:
+            from cablepod.condensed import _kernels_implicit  # numba is imported only to compute
 
-            kernel.leading_verlet(
-                self.q, self.v, self.step, *self._damping_factors, *self._velocity_terms, *self._held_drag, boundary_data,
-                *rest,
-                tension_series,
-            )  # fmt: skip
-            return None
-        damping = model.chain.p.damping
-        if self.run.scheme == FOURTH_ORDER:
-            if self.q.size == 2 and model.test_stiffness_defect is None:
-                from cablepod.condensed._kernels_numerov_of_two import numerov_of_two as march
-            else:
-                from cablepod.condensed._kernels_leading_numerov import leading_numerov as march
-
-            march(
-                self.q, self.v, self.acceleration, self.previous_acceleration, self.step, damping, boundary_data, *rest
+            damping = model.chain.p.damping
+            return _kernels_implicit.trapezoidal(
+                *shared, self.step, damping, self.modal_damping, rows, steps, self.state, begin, record, self.monitor
             )
-            return None
-        from cablepod.condensed import _kernels_leading_implicit as kernel_implicit
+        from cablepod.condensed import _kernels_explicit as kernel
 
-        return kernel_implicit.leading_implicit(
-            self.q, self.v, self.acceleration, self.step, damping, boundary_data, *rest
-        )
-
-    def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
-        """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
-        model, p = self.run.model, self.run.model.chain.p
-        norms = model.geometric_stiffness_norms / model.frequency_amplification
-        slopes, patterns, weights = model.rule
-        rest = (
-            p.stiffness, model.chain.total_length, model.slope_norms_squared, model.load_projection, norms, slopes,
-            model.test_slopes_at_points, model.n_in_plane, patterns, weights, model.green, model.inertia,
-            self.stretch, *outputs,
-        )  # fmt: skip
-        state = (self.q, self.v, self.acceleration, self.step)
         if self.run.explicit:
-            from cablepod.condensed import _kernels_exact as kernel
+            kernel.verlet(
+                *shared, self._damped, self.rate_terms, self.air, rows, steps, self.explicit_state, begin, record,
+                self.monitor,
+            )  # fmt: skip
+        else:
+            kernel.numerov(*shared, self._damped, rows, steps, self.explicit_state, begin, record, self.monitor)
+        return None
 
-            kernel.exact_verlet(*state, *self._damping_factors, *self._velocity_terms[1:], boundary_data, *rest)
+    def _advance_exact(self, boundary_data: np.ndarray, begin: int, steps: int, record: Record) -> int | None:
+        """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
+        model = self.run.model
+        shared = model.exact_terms, model.sizes(constant=False), model.terms, self.bounds
+        outputs = boundary_data, self.state, self.stretch, begin, record, self.low, self.high, self.monitor
+        if self.run.explicit:
+            from cablepod.condensed import _kernels_exact as kernel  # numba is imported only to compute
+
+            kernel.exact_verlet(*shared, self._damped, self.rate_terms, self.air, *outputs)
             return None
         from cablepod.condensed import _kernels_exact_implicit as kernel_implicit
 
-        return kernel_implicit.exact_implicit(*state, p.damping, boundary_data, *rest)
+        return kernel_implicit.exact_trapezoidal(
+            *shared, self.step, model.chain.p.damping, self.modal_damping, *outputs
+        )
 
     @property
-    def _damping_factors(self) -> tuple[float, float]:
-        """Factor of the rates by damping over a step, and rate gained in a step for unit acceleration [s]."""
-        damping, step = self.run.model.chain.p.damping, self.step
-        return math.exp(-damping * step), -math.expm1(-damping * step) / damping if damping else step
+    def _damped(self) -> Damped:
+        """Step and damping of an explicit scheme."""
+        return damped_step(np.array([self.run.model.chain.p.damping]), self.step, self.run.scheme)
 
     def trajectory(self, peak_times: tuple[float, float] | None = None) -> CondensedTrajectory:
         """Return what was computed so far; `peak_times` are those of the smallest and the largest tension [s]."""
@@ -217,8 +219,16 @@ class CondensedStepper:
         if self.wants_extremes and run.links is not None and not run.leading:
             low, high = low[run.links], high[run.links]
         extremes = (low, high) if self.wants_extremes else None
-        tension = self.tension_series[self.instants.left] if self.saves_tension else None
         return CondensedTrajectory(
-            self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension,
-            self.sample_interval, self.boundary_data, peak_times, run.window,
+            self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, self.sample_interval,
+            self.boundary_data, peak_times, run.window,
         )  # fmt: skip
+
+
+def damped_step(damping: np.ndarray, step: float, scheme: str) -> Damped:
+    """Return step [s] and damping (lanes,) [1/s] as an explicit scheme needs them."""
+    if scheme == FOURTH_ORDER:
+        return Damped(step, damping, np.exp(-0.5 * damping * step), np.exp(0.5 * damping * step))
+    is_damped = damping != 0.0
+    impulse = np.where(is_damped, -np.expm1(-damping * step) / np.where(is_damped, damping, 1.0), step)
+    return Damped(step, damping, np.exp(-damping * step), impulse)

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 def stop_unstable(run: CondensedRun, state: CondensedTrajectory, step_number: int) -> NoReturn:
     """Stop a run whose frequencies have outgrown the step."""
-    limit = 2 / math.sqrt(run.model.frequency_amplification * state.monitor[MAX_OMEGA_SQUARED])
+    limit = 2 / math.sqrt(state.monitor[MAX_OMEGA_SQUARED])
     rate = state.instants.steps_per_second
     time = step_number / rate
     why = (
         f"the condensed model stiffened: from {time:.6g} s on its stability limit is below the step "
-        f"{1.0 / rate:.6g} s ({run.scheme}), at least {limit:.6g} s; try a shorter step, or scheme trapezoidal{_growth(run)}"
+        f"{1.0 / rate:.6g} s ({run.scheme}), at least {limit:.6g} s; try a shorter step, or scheme trapezoidal"
     )
     _stop(run, state, time, why)
 
@@ -35,7 +35,7 @@ def stop_diverged(run: CondensedRun, state: CondensedTrajectory, step_number: in
     why = (
         f"the condensed model left the finite numbers or found no equilibrium along the chord at {time:.6g} s "
         f"({run.scheme}, step {1.0 / rate:.4g} s, step number {step_number}, least chordwise force "
-        f"{state.monitor[MIN_FORCE]:.3g} N); try a shorter step or, where the cable goes slack, chain.simulate{_growth(run)}"
+        f"{state.monitor[MIN_FORCE]:.3g} N); try a shorter step or, where the cable goes slack, chain.simulate"
     )
     _stop(run, state, time, why)
 
@@ -45,20 +45,9 @@ def stop_open(run: CondensedRun, state: CondensedTrajectory, time: float) -> NoR
     why = (
         f"the condensed model found no equilibrium along the chord at {time:.6g} s: the ends are nearer to each other than links "
         f"of these slopes can be pushed together ({run.scheme}, step {1.0 / state.instants.steps_per_second:.4g} s, least "
-        f"chordwise force {state.monitor[MIN_FORCE]:.3g} N); try chain.simulate{_growth(run)}"
+        f"chordwise force {state.monitor[MIN_FORCE]:.3g} N); try chain.simulate"
     )
     _stop(run, state, time, why)
-
-
-def _growth(run: CondensedRun) -> str:
-    """Return the remedy of a run that trained test functions make unstable."""
-    log_growth = run.model.unstable_growth_rate * float(run.times[-1])
-    if log_growth < 1.0:
-        return ""
-    return (
-        f"; with these test functions vibrations about rest grow by exp({log_growth:.3g}) over the run: "
-        "train them nearer to this scene, or take the modes without them"
-    )
 
 
 def _stop(run: CondensedRun, state: CondensedTrajectory, time: float, why: str) -> NoReturn:

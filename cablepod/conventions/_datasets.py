@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from cablepod.conventions._orders import IN_ORDER, is_in_order, note_in_order, note_places
 from cablepod.conventions._vocabulary import VARIABLES
 
 if TYPE_CHECKING:
@@ -32,11 +31,9 @@ def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:
     return dataset
 
 
-def values_of_index(variable: Any) -> np.ndarray:
-    """Return the labels of a dimension as an array; numbers without the conversion by xarray, which takes ten times as long."""
-    index = getattr(variable._data, "array", None)  # that of pandas
-    values: np.ndarray = variable.values if index is None or index.dtype.kind not in "fiu" else index.values
-    return values
+def is_in_memory(variable: xr.Variable) -> bool:
+    """Tell whether the values of a variable are in memory, neither in a file nor a dask array; no public method tells."""
+    return variable._in_memory
 
 
 #: Maximum size of the labels of a template that is kept [bytes]; longer ones cost less than the run itself.
@@ -64,22 +61,23 @@ def labelled_dataset(
         Dimensions and values of further coordinates, without an index.
     """
     import numpy as np
+    import xarray as xr
 
     values = {name: np.asarray(array) for name, (_, array) in variables.items()}
     further = {name: np.asarray(array) for name, (_, array) in (coordinates or {}).items()}
-    if "arc_length" in further:
-        note_places(further["arc_length"])
     layout = tuple((name, tuple(dims), values[name].shape) for name, (dims, _) in variables.items())
     extra = tuple((name, tuple(dims), further[name].shape) for name, (dims, _) in (coordinates or {}).items())
     labels = tuple((name, array.dtype.str, array.tobytes()) for name, array in indexes.items())
     kept = sum(array.nbytes for array in indexes.values()) <= MAX_TEMPLATE_LABELS
     template = (_template if kept else _template.__wrapped__)(layout, extra, labels)
     arrays: dict[Any, Any] = {**values, **{name: array.copy() for name, array in further.items()}}  # models keep theirs
-    made: dict[Any, Any] = {}
-    for name, variable in template._variables.items():
-        data = arrays.get(name, variable._data)
-        made[name] = type(variable)(variable._dims, data, dict(variable.attrs), fastpath=True)
-    return template._replace(made)  # Dataset.copy would make all indexes anew
+    made: dict[Any, xr.Variable] = {}
+    for name, variable in template.variables.items():
+        if name in arrays:
+            made[name] = xr.Variable(variable.dims, arrays[name], dict(variable.attrs), fastpath=True)
+        else:
+            made[name] = variable.copy(deep=False)
+    return template._replace(made)  # Dataset.copy would make all indexes anew, which takes ten times as long
 
 
 @lru_cache(64)
@@ -102,8 +100,7 @@ def _template(
 def shared_coordinates(coords: Mapping[str, Any]) -> xr.Coordinates:
     """Return coordinates of a Dataset, in which labels that other results have too are the same index.
 
-    To make an index of two labels takes xarray as long as a hundred steps of a chain.  An index cannot be changed, and one that
-    was checked needs no second check.
+    To make an index of two labels takes xarray as long as a hundred steps of a chain, and an index cannot be changed.
 
     Parameters
     ----------
@@ -118,8 +115,6 @@ def shared_coordinates(coords: Mapping[str, Any]) -> xr.Coordinates:
     for name, given in coords.items():
         if isinstance(given, tuple):
             variables[name] = given
-            if name == "arc_length":
-                note_places(np.asarray(given[1]))
             continue
         labels = np.asarray(given)
         if labels.dtype.kind in "fiuU" and labels.nbytes <= MAX_TEMPLATE_LABELS:
@@ -137,7 +132,4 @@ def _index(name: str, dtype: str, content: bytes) -> PandasIndex:
     from xarray.indexes import PandasIndex
 
     labels = np.frombuffer(content, dtype)
-    index = PandasIndex(labels, name, coord_dtype=labels.dtype)
-    if name in IN_ORDER and is_in_order(name, labels):
-        note_in_order(name, index.index)
-    return index
+    return PandasIndex(labels, name, coord_dtype=labels.dtype)

@@ -81,7 +81,6 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "out_of_plane_share": ("1", "share of the mean square of the shape normal to the plane of chord and load"),
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
-    "test_function": ("1", "test function of the mode, of any size"),
     "singular_value": ("m", "singular value of the snapshot matrix, centred and lifted unless of deflections"),
     "singular_value_uncertainty": ("m", "estimate of the error of the singular value on the route taken"),
     "mode_uncertainty": ("rad", "estimate of the angle by which that error may turn the mode"),
@@ -153,7 +152,6 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     # validity
     "energy_share_kept": ("1", "share of the energy of the snapshots in the modes of the model"),
     "outside_training": ("1", "distance from the training range, 0 inside"),
-    "growth_over_run": ("1", "largest growth rate of vibrations about rest times the duration"),
     # start
     "start_jolt_speed": ("m s-1", "jump of speed of the ends at the start"),
     "start_jolt_tension": ("N", "tension of the axial wave from the jump of speed"),
@@ -167,7 +165,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
     for name in (
-        "amplitude", "mode_shape", "test_function", "singular_value", "singular_value_uncertainty", "mode_uncertainty",
+        "amplitude", "mode_shape", "singular_value", "singular_value_uncertainty", "mode_uncertainty",
         "truncation_error", "proper_orthogonal_value", "energy_share", "singular_value_share", "angular_frequency",
     )
 }  # fmt: skip

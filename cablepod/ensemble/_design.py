@@ -57,10 +57,9 @@ def design(
         Key path of a number -> [low, high], of a word, list of numbers or record -> its values; the order has no effect.  Keys
         that the scene lacks are made, with the defaults of their tables.  If all ranges are [low, high, count], without
         `sampling`, the members are all combinations of `count` equally spaced values of each, ends included.  For sampling "grid"
-        and "list": values.  A path has points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low,
-        high]}}``).  Components of vectors are named by their axis (``"ends.upper.x"``), point loads by their number
-        (``"point_load.1.force.y"``).  By default the table ``[ensemble]`` of the scene file gives the ranges and all options
-        that are None.
+        and "list": values.  A path has points or is nested (``{"cable": {"top_tension": [low, high]}}``).  Components of vectors
+        are named by their axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  By default the
+        table ``[ensemble]`` of the scene file gives the ranges and all options that are None.
     members
         Number of members; not needed for ranges with a count, and then equal to the product of the counts.
     sampling
@@ -107,14 +106,10 @@ def design(
         raise SceneError(f"members: missing; allowed: a whole number of at least 1, or {counts}")
     whole, checked = _check_ranges(scene, ranges, prefix, options)
     scenes = _vary(whole, _sample(checked, **options), checked)
-    scenes.attrs = {
-        name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
-    }
+    scenes.attrs = {name: value for name, value in scene.attrs.items() if name != "ensemble_json"}
     scenes.attrs |= {"title": f"{scene.attrs.get('title', 'scene')}: {options['members']} members"}
     record = {**options, "ranges": checked}
-    return provenance.stamp_values(
-        provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
-    )
+    return provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
 
 
 def _check_ranges(
@@ -145,7 +140,7 @@ def _checked_values(scene: xr.Dataset, key: str, path: Any, values: Any, options
         is_vector = variable_of(scene, f"{path}.x") is not None
         similar = axis_hint(is_vector, path) or similar_path(path, (dotted(str(name)) for name in scene.data_vars))
         raise SceneError(f"{key}: unknown key path; allowed: {ALLOWED_PATHS}{similar}")
-    if not may_have(scene, dotted(path)):
+    if not may_have(scene, path):
         raise scene_error(
             key, values, f"no such key in a scene of {'a mast' if 'mast_height' in scene else 'one cable'}"
         )

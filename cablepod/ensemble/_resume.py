@@ -39,8 +39,6 @@ from cablepod.ensemble._job import LOCK
 from cablepod.ensemble._models import accepted_time_error
 from cablepod.errors import ArchiveError, shown
 
-#: Last version of the file layout in which ids follow from options that a function chose, too.
-LAST_WITH_OTHER_IDS = 2
 #: Minimum time between two writes of the manifest [s]; after a crash, later batches are found by their files.
 SAVE_INTERVAL = 1.0
 #: Maximum number of texts or lists of a key that the manifest names.
@@ -251,7 +249,7 @@ def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool
             if not overwrite:
                 raise
             manifest = {"id": None}
-        if manifest["id"] == plan["id"] or _is_earlier(manifest, plan):
+        if manifest["id"] == plan["id"]:
             return manifest
         if not overwrite:
             raise ArchiveError(
@@ -268,17 +266,6 @@ def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool
         for path in files:
             path.unlink()
     return None
-
-
-def _is_earlier(manifest: Mapping[str, Any], plan: Mapping[str, Any]) -> bool:
-    """Tell whether a manifest of an earlier version, in which ids follow from more, is that of the same ensemble."""
-    if manifest.get("schema", SCHEMA) > LAST_WITH_OTHER_IDS:
-        return False
-    same = all(manifest.get(name) == plan[name] for name in ("model", "members", "batch", "options"))
-    # an id, and a hash of the values, which is the same in all versions
-    return same and all(
-        str(manifest[name]).split()[-1:] == str(plan[name]).split()[-1:] for name in ("scenes", "modes")
-    )
 
 
 def _has_only_inputs(folder: Path, plan: Mapping[str, Any]) -> bool:

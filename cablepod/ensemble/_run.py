@@ -248,15 +248,12 @@ def _prepare(
         raise SceneError("scenes: given no members; allowed: at least one")
     resolved = check_model(model, modes, options)
     check_scene_of_model(scenes, model)
-    if resolved.get("window", ()) is None:
-        del resolved["window"]  # ids of ensembles without a window stay those of earlier versions
     size = integer(least=1, most=10**6)("batch", batch)
     _check_shapes(scenes, model, resolved)
     if "member" not in scenes.coords:
         scenes = scenes.assign_coords(member=np.arange(scenes.sizes["member"]))
     scenes = with_own_id(scenes).assign_attrs(stage="scenes")
     modes = None if modes is None else with_own_id(modes)
-    scenes.attrs.pop("values_sha256", None)
     _try_options(scenes, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
     inputs = {SCENES: scenes} | ({} if modes is None else {MODES: modes})
     return resume.plan_of(scenes, model, modes, resolved, size), inputs

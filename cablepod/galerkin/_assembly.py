@@ -11,6 +11,7 @@ import xarray as xr
 from cablepod.catenary._statics import solve_statics
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._laws import check_law
+from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import SceneError, scene_error
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.parameters._parameters import Parameters
@@ -57,6 +58,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
             p.tension_damping,
             "none; try: condensed.simulate, or damping.mass_proportional",
         )
+    refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
         raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")

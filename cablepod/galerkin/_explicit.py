@@ -133,7 +133,7 @@ class ExplicitGalerkinRun(GalerkinRun):
             first = unstable[0]
             raise RunStopped(
                 f"the reduced model stiffened: at {times[first]:.6g} s its stability limit is {2 / highest[first]:.6g} s, below "
-                f"the step {1 / steps_per_second:.6g} s ({self.scheme}); try a shorter step, or scheme energy_momentum",
+                f"the step {1 / steps_per_second:.6g} s ({self.scheme}); try a shorter step, or scheme trapezoidal",
                 self.dataset(trajectory.at_output_times()),
             )
         return trajectory

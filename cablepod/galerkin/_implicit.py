@@ -1,4 +1,4 @@
-"""Implicit time integration of the Galerkin model: trapezoidal rule and energy-momentum method."""
+"""Implicit time integration of the Galerkin model: trapezoidal rule."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 
 from cablepod.chain._implicit import MAX_ROTATION, MIN_ROTATION, TENSION_RTOL
 from cablepod.galerkin._record import RunRecord
-from cablepod.galerkin._runs import MIN_ROW_RATIO, ROUNDING, GalerkinRun
+from cablepod.galerkin._runs import MIN_ROW_RATIO, GalerkinRun
 from cablepod.integrate._march import cut_step, not_converged
 
 
 @dataclass(frozen=True)
 class ImplicitGalerkinRun(GalerkinRun):
-    """Trapezoidal rule or energy-momentum method: second order, unconditionally stable in linear theory."""
+    """Trapezoidal rule: second order, unconditionally stable in linear theory."""
 
     counts: list[int] = field(default_factory=lambda: [0, 0])  #: Newton iterations and substepped steps of the last run
 
@@ -98,10 +98,10 @@ class ImplicitGalerkinRun(GalerkinRun):
         model, law, (polynomial_form, link_form) = self.model, self.law, self.tables
         stiffness = np.ones(polynomial_form[1].size) if law == kernel_energy.POLYNOMIAL else link_form[4]
         done, iterations = kernel_implicit.implicit(
-            *state, 1.0 / steps_per_second, self.scheme == "energy_momentum", self.damping, model.coupling,
+            *state, 1.0 / steps_per_second, self.damping, model.coupling,
             model.loads_at_steps(start, steps, steps_per_second),
             model.displacements_at_steps(start, steps, steps_per_second), law, np.ascontiguousarray(polynomial_form[0].T),
-            polynomial_form[1:], link_form, stiffness, model.rms_slopes, newton_tolerance, ROUNDING, start, steps, save_steps,
+            polynomial_form[1:], link_form, stiffness, model.rms_slopes, newton_tolerance, start, steps, save_steps,
             saved, energy,
         )  # fmt: skip
         self.counts[0] += iterations

@@ -47,40 +47,18 @@ def _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _tangent_stresses(law, conserving, stiffness, e0, e, s, ds):
-    """Fill the stresses s of the rows in a step, and their derivatives ds by the strains e at its end.
-
-    With `conserving` the stresses are the difference quotients of the energies, otherwise those at the end of the step.
-    """
+def _tangent_stresses(law, stiffness, e, s, ds):
+    """Fill the stresses s of the rows with strains e, and their derivatives ds by the strains."""
     if law != LINEAR_LINKS:
-        end_weight = 0.5 if conserving else 1.0
         for j in range(e.size):
-            s[j] = stiffness[j] * (end_weight * e[j] + (1.0 - end_weight) * e0[j])
-            ds[j] = stiffness[j] * end_weight
+            s[j] = stiffness[j] * e[j]
+            ds[j] = stiffness[j]
         return
     for j in range(e.size):
         xi = math.sqrt(1.0 + 2.0 * e[j])
-        before = math.sqrt(1.0 + 2.0 * e0[j]) if conserving else xi
-        if not conserving or (e[j] > 0.0 and e0[j] > 0.0):
-            stretch_sum = xi + before
-            taut = 1.0 if e[j] > 0.0 else 0.0
-            paired_strain = e0[j] if conserving else e[j]
-            s[j] = taut * stiffness[j] * 2.0 * (e[j] / (1.0 + xi) + paired_strain / (1.0 + before)) / stretch_sum
-            ds[j] = taut * stiffness[j] * (2.0 if conserving else 4.0) / (stretch_sum * stretch_sum * xi)
-        else:  # slack at the start or the end of the step
-            de = e[j] - e0[j]
-            elongation = max(2.0 * e[j] / (1.0 + xi), 0.0)
-            elongation0 = max(2.0 * e0[j] / (1.0 + before), 0.0)
-            squares = elongation * elongation - elongation0 * elongation0
-            s[j] = 0.5 * stiffness[j] * squares / de if de != 0.0 else 0.0
-            ds[j] = (stiffness[j] * elongation / xi - s[j]) / de if de != 0.0 else 0.0
-
-
-@compiled(fastmath=FAST_DIVISION)
-def _average(a, b, result):
-    for k in range(a.shape[0]):
-        for j in range(a.shape[1]):
-            result[k, j] = 0.5 * (a[k, j] + b[k, j])
+        taut = 1.0 if e[j] > 0.0 else 0.0
+        s[j] = taut * stiffness[j] * 2.0 * e[j] / ((1.0 + xi) * xi)
+        ds[j] = taut * stiffness[j] / (xi * xi * xi)
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -93,16 +71,13 @@ def _gradient(jacobian, s, gradient):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _tangent(
-    law, end_weight, middle, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled, weighted, tangent
-):
-    """Fill the derivative of the gradient `middle` s by z at the end of the step, which `middle` contains with `end_weight`."""
+def _tangent(law, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled, weighted, tangent):
+    """Fill the derivative of the gradient `jacobian` s by z."""
     modes, rows = tangent.shape[0], s.size
-    symmetric = end_weight == 1.0
     for k in range(modes):
         for j in range(rows):
-            scaled[j] = ds[j] * middle[k, j]
-        for m in range(k + 1 if symmetric else modes):
+            scaled[j] = ds[j] * jacobian[k, j]
+        for m in range(k + 1):
             total = 0.0
             for j in range(rows):
                 total += scaled[j] * jacobian[m, j]
@@ -115,28 +90,25 @@ def _tangent(
                 slope = 0.0
                 for i in range(rows):
                     slope += table[count + pair, i] * s[i]
-                tangent[b, a] += end_weight * slope
-                if a == b or not symmetric:
-                    tangent[a, b] += end_weight * slope
+                tangent[b, a] += slope
+                if a == b:
+                    tangent[a, b] += slope
     else:
         for k in range(modes):
             for c in range(weighted.shape[0]):
                 if not active_axes[k, c]:
                     continue
                 for j in range(rows):
-                    weighted[c, j] = end_weight * s[j] * field_slopes[k, c, j]
+                    weighted[c, j] = s[j] * field_slopes[k, c, j]
                 for m in range(k + 1):
                     if active_axes[m, c]:
                         total = 0.0
                         for j in range(rows):
                             total += weighted[c, j] * field_slopes[m, c, j]
                         tangent[k, m] += total
-                        if m < k and not symmetric:
-                            tangent[m, k] += total
-    if symmetric:
-        for k in range(modes):
-            for m in range(k):
-                tangent[m, k] = tangent[k, m]
+    for k in range(modes):
+        for m in range(k):
+            tangent[m, k] = tangent[k, m]
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -180,14 +152,14 @@ def _set_coordinates(y, p, increment, ends, coupling):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _work_of_ends(account, weight, gradient, coupling, earlier, later):
-    """Add the work of the ends between the displacements `earlier` and `later`; the force is dV/dd - C dV/dq."""
+def _half_work_of_ends(account, gradient, coupling, earlier, later):
+    """Add half the work of the ends between the displacements `earlier` and `later`; the force is dV/dd - C dV/dq."""
     moving, modes = coupling.shape
     for f in range(moving):
         force = gradient[modes + f]
         for k in range(modes):
             force -= coupling[f, k] * gradient[k]
-        account[1] += weight * force * (later[f] - earlier[f])
+        account[1] += 0.5 * force * (later[f] - earlier[f])
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -202,15 +174,13 @@ def _save(saved, saved_energy, p, velocity, load, gradient, damping, energy, acc
 
 @compiled(fastmath=FAST_DIVISION)
 def implicit(
-    p, velocity, history, account, step, conserving, damping, coupling, loads, ends, law, table, polynomial_form, link_form,
-    stiffness, rms_slopes, newton_tolerance, rounding, start, steps, save_steps, saved, saved_energy,
+    p, velocity, history, account, step, damping, coupling, loads, ends, law, table, polynomial_form, link_form, stiffness,
+    rms_slopes, newton_tolerance, start, steps, save_steps, saved, saved_energy,
 ):  # fmt: skip
-    """Advance the projection z by steps of the trapezoidal rule or the energy-momentum method (Simo and Tarnow 1992).
+    """Advance the projection z by steps of the trapezoidal rule.
 
-    Both are (v1 - v0)/h = load - g - damping (v0 + v1)/2, (p1 - p0)/h = (v0 + v1)/2, with the mean of the loads at both ends
-    of the step.  For the trapezoidal rule g is the mean of the gradients there.  For the energy-momentum method it is the
-    discrete gradient: the mean Jacobian of the strains times the difference quotients of the energies.  The energy balance then
-    holds for any step, up to the tolerance of Newton's method.
+    (v1 - v0)/h = load - g - damping (v0 + v1)/2, (p1 - p0)/h = (v0 + v1)/2, with the means of the loads and of the gradients g
+    at both ends of the step.
 
     Parameters
     ----------
@@ -220,8 +190,6 @@ def implicit(
         Mean accelerations of the last three steps, latest first; advanced in place.
     step, damping : float
         [s], [1/s].
-    conserving : bool
-        Whether to use the energy-momentum method.
     loads : float array (steps + 1 or 1, modes)
         Generalised loads.
     ends : float array (steps + 1, displacements)
@@ -234,9 +202,8 @@ def implicit(
         Stiffness of the rows: K l, or 1 in polynomial form.
     rms_slopes : float array (modes,)
         Root mean square over the links of the slope of each mode [kg^-1/2 m^-1].
-    newton_tolerance, rounding : float
-        Tolerance of the last Newton correction, and its rounding error, as mean rotations of the links.  With `conserving`, where
-        remainders accumulate, iterations continue until the expected remainder is below rounding or convergence ceases.
+    newton_tolerance : float
+        Tolerance of the last Newton correction, as a mean rotation of the links.
 
     Returns
     -------
@@ -249,19 +216,16 @@ def implicit(
     field_slopes, active_axes = link_form[2], link_form[3]
     rows, count, dims = stiffness.size, modes + moving, field_slopes.shape[1]
     y, gradient, force, slopes = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros((dims, link_form[1].size))
-    before, jacobian, middle = np.zeros((count, rows)), np.zeros((count, rows)), np.zeros((count, rows))
-    e0, e, s, ds, scaled = np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    jacobian, e, s, ds, scaled = np.zeros((count, rows)), np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(rows)
     weighted, tangent = np.zeros((dims, rows)), np.zeros((modes, modes))
     increment, b, explicit_part = np.zeros(modes), np.zeros(modes), np.zeros(modes)
     varying, save, iterations = loads.shape[0] > 1, 0, 0
-    end_weight = 0.5 if conserving else 1.0
-    # factor of the balance: twice for the trapezoidal rule, in which half of the force is that at the start
-    double = 1.0 if conserving else 2.0
-    diagonal = double * (2.0 / (step * step) + damping / step)
+    # the balance is that of twice the mean force, of which one half is that at the start
+    diagonal = 2.0 * (2.0 / (step * step) + damping / step)
     _set_coordinates(y, p, increment, ends[0], coupling)
-    _rows(y, law, table, offset, first, second, link_form, slopes, e0, before)
-    energy = _stresses(law, e0, stiffness, s)
-    _gradient(before, s, gradient)
+    _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
+    energy = _stresses(law, e, stiffness, s)
+    _gradient(jacobian, s, gradient)
     for i in range(steps):
         now, then = (i, i + 1) if varying else (0, 0)
         if save < save_steps.size and save_steps[save] == start + i:
@@ -274,23 +238,15 @@ def implicit(
             # extrapolation that is exact for linear change (resolved) and for alternating signs (unresolved)
             mean = history[0, k] + history[1, k] - history[2, k]
             increment[k] = step * (velocity[k] + 0.5 * step * mean)
-            explicit_part[k] = double * (0.5 * (loads[now, k] + loads[then, k]) + 2.0 * velocity[k] / step)
-            if not conserving:
-                explicit_part[k] -= gradient[k]
-        converged, last_norm = False, 0.0
+            explicit_part[k] = 2.0 * (0.5 * (loads[now, k] + loads[then, k]) + 2.0 * velocity[k] / step) - gradient[k]
+        converged = False
         for _ in range(MAX_ITERATIONS):
             iterations += 1
             _set_coordinates(y, p, increment, ends[i + 1], coupling)
             _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
-            _tangent_stresses(law, conserving, stiffness, e0, e, s, ds)
-            if conserving:
-                _average(before, jacobian, middle)
-            test_jacobian = middle if conserving else jacobian
-            _gradient(test_jacobian, s, force)
-            _tangent(
-                law, end_weight, test_jacobian, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled,
-                weighted, tangent,
-            )  # fmt: skip
+            _tangent_stresses(law, stiffness, e, s, ds)
+            _gradient(jacobian, s, force)
+            _tangent(law, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled, weighted, tangent)
             norm = 0.0
             for k in range(modes):
                 b[k] = explicit_part[k] - diagonal * increment[k] - force[k]
@@ -299,18 +255,9 @@ def implicit(
             for k in range(modes):
                 increment[k] += b[k]
                 norm += abs(b[k]) * rms_slopes[k]
-            if not norm < 1e300:
+            converged = norm <= newton_tolerance
+            if converged or not norm < 1e300:
                 break
-            if not conserving:
-                converged = norm <= newton_tolerance
-            elif norm <= rounding:
-                converged = True
-            elif last_norm > 0.0 and norm <= newton_tolerance:
-                # remainder by quadratic convergence; corrections at the rounding level no longer decrease
-                converged = norm * (norm / last_norm) ** 2 <= rounding or norm > 0.5 * last_norm
-            if converged:
-                break
-            last_norm = norm
         if not converged:
             return i, iterations
         for k in range(modes):
@@ -321,19 +268,10 @@ def implicit(
             account[2] += damping * increment[k] * increment[k] / step
         _set_coordinates(y, p, increment, ends[i + 1], coupling)
         _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
-        if conserving and moving:  # after the last correction, so that force and displacement are consistent
-            _tangent_stresses(law, conserving, stiffness, e0, e, s, ds)
-            _average(before, jacobian, middle)
-            _gradient(middle, s, force)
-            _work_of_ends(account, 1.0, force, coupling, ends[i], ends[i + 1])
-        elif moving:
-            _work_of_ends(account, 0.5, gradient, coupling, ends[i], ends[i + 1])
-        before, jacobian = jacobian, before
-        e0, e = e, e0
-        energy = _stresses(law, e0, stiffness, s)
-        _gradient(before, s, gradient)
-        if moving and not conserving:
-            _work_of_ends(account, 0.5, gradient, coupling, ends[i], ends[i + 1])
+        _half_work_of_ends(account, gradient, coupling, ends[i], ends[i + 1])
+        energy = _stresses(law, e, stiffness, s)
+        _gradient(jacobian, s, gradient)
+        _half_work_of_ends(account, gradient, coupling, ends[i], ends[i + 1])
         for k in range(modes):
             p[k] += increment[k]
     if save < save_steps.size and save_steps[save] == start + steps:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, ENDS, labelled_dataset, values_of_index
+from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
 from cablepod.integrate._march import advance_in_blocks
@@ -32,8 +32,6 @@ from cablepod.integrate._window import window_attributes
 #: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
 #: Both as measured for 2 to 48 amplitudes and 20 to 320 links.
 POLYNOMIAL_COST, MIN_ROW_RATIO = 1.0, 2.0
-#: Rounding error of a Newton correction, as a mean rotation of the links [rad].
-ROUNDING = 32.0 * float(np.finfo(float).eps)
 
 
 def _no_samples(steps_per_second: float) -> int:
@@ -185,7 +183,7 @@ class GalerkinRun:
         return "the reduced model left the finite numbers"
 
     #: Scheme to try instead, as stated in the message.
-    alternative = "scheme energy_momentum"
+    alternative = "scheme trapezoidal"
 
     def dataset(self, trajectory: GalerkinTrajectory) -> xr.Dataset:
         """Convert a trajectory to a labelled Dataset."""
@@ -218,7 +216,7 @@ class GalerkinRun:
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": (np.arange(count) if numbers is None else values_of_index(numbers))[:count],
+            "mode": (np.arange(count) if numbers is None else numbers.values)[:count],
             "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}

@@ -25,7 +25,7 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 
-SCHEMES = ("velocity_verlet", "filtered_verlet", "trapezoidal", "energy_momentum")
+SCHEMES = ("velocity_verlet", "filtered_verlet", "trapezoidal")
 EXPLICIT = SCHEMES[:2]
 #: Default time error over the estimated error of the model.
 TIME_ERROR_SHARE = 0.1

@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod._inputs import FIELD_MODES, taken
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
-from cablepod.conventions import OUTPUTS, values_of_index
+from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, law_of
 from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.galerkin._assembly import model_of
@@ -68,8 +68,7 @@ def simulate(
         By default "filtered_verlet", or chosen by `tolerance` if that is given; the attribute ``choice_of_scheme`` states the
         reason.  "velocity_verlet" is explicit; its step is limited by the fastest axial mode.  "filtered_verlet" is explicit too,
         but slows the vibrations that its step does not resolve: steps may follow the transverse motion, and cost as little.
-        "trapezoidal" (average acceleration) and "energy_momentum" (Simo and Tarnow, conserves energy for both laws) are implicit
-        and unconditionally stable in linear theory.
+        "trapezoidal" (average acceleration) is implicit and unconditionally stable in linear theory.
     step
         Time step [s].  A given step is run once, without a check of its error.
     tolerance
@@ -103,9 +102,9 @@ def simulate(
         - ``tension_above_linear_law`` (law "green"): tension at the largest stretch over that of the linear law, less 1,
         - ``time_error_estimate``: contribution of the step to that error,
         - ``energy_defect``: largest violation of the energy balance (kinetic and strain energy, work of loads and ends,
-          dissipation) at the steps beside the output instants, over the largest of these terms.  It is 1e-15 to 1e-12 for
-          "energy_momentum" and of second order in the step for the other schemes.  It does not estimate the error of the motion,
-        - ``newton_iterations``, ``steps_cut`` (implicit schemes): total iterations, and steps repeated with substeps.
+          dissipation) at the steps beside the output instants, over the largest of these terms.  It is of second order in the
+          step.  It does not estimate the error of the motion,
+        - ``newton_iterations``, ``steps_cut`` (scheme "trapezoidal"): total iterations, and steps repeated with substeps.
 
     Raises
     ------
@@ -179,7 +178,7 @@ def simulate(
         for name in SCHEMES
     }
     explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
-    formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+    formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; scheme trapezoidal has none"
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, formula)
     warn_of_velocity_jump(p)
     solution, time_tolerance, model_error = solve(runs, limit, request, given_steps_per_second, estimate.error)
@@ -214,9 +213,7 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
         share = modes.variables["energy_share"]
         kept = share.values.take(range(result.sizes["mode"]), share.dims.index("mode"))
         attributes["energy_share_kept"] = float(kept.sum(share.dims.index("mode")).min())
-    return attributes | distance_outside_training(
-        modes, p, length, float(values_of_index(result.variables["time"])[-1])
-    )
+    return attributes | distance_outside_training(modes, p, length, float(result.variables["time"].values[-1]))
 
 
 def _warn_of_energy_defect(defect: float, scheme: str) -> None:
@@ -224,7 +221,7 @@ def _warn_of_energy_defect(defect: float, scheme: str) -> None:
     if defect > MAX_ENERGY_DEFECT:
         warnings.warn(
             f"energy balance violated by {100.0 * defect:.2g} % of the exchanged energy (energy_defect, {scheme}): the step is "
-            "too long for the motion; give a shorter step, scheme energy_momentum, or a tolerance instead of a step",
+            "too long for the motion; give a shorter step, or a tolerance instead of a step",
             NotConvergedWarning,
             stacklevel=user_stacklevel(),
         )

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.conventions import OUTPUTS, values_of_index
+from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
 from cablepod.integrate._means import wants_means
 from cablepod.integrate._progress import Rising
@@ -282,7 +282,7 @@ class Request:
         if self.progress is not None:
             self.progress.end()
         resolved = {
-            "times": values_of_index(result.variables["time"]),
+            "times": result.variables["time"].values,
             "step": result.attrs.get("step") if self.step is None else self.step,
             "tolerance": self.recorded_tolerance,
             "outputs": list(self.outputs),

@@ -67,9 +67,11 @@ def _is_list(value: Any) -> bool:
     return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
-def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
-    """Make a check of a list of finite numbers."""
-    check_number = number(above=above)
+def numbers_list(
+    *, least_length: int = 1, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
+) -> Check:
+    """Make a check of a list of finite numbers within bounds."""
+    check_number = number(above=above, least=least, most=most)
 
     def check(key: str, value: Any) -> list[float]:
         if not _is_list(value) or len(value) < least_length:

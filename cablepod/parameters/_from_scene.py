@@ -25,6 +25,7 @@ from cablepod.parameters._keys import (
     TURBULENCE,
     WEIGHT_KEYS,
     WIND,
+    check_damping,
     exactly_one,
     time_function_keys,
 )
@@ -136,6 +137,7 @@ class Members(Sequence[Parameters]):
             or "damping_link_viscosity" in self.varied
             or p.tension_damping is not None
             or "damping_tension_proportional" in self.varied
+            or names & {"damping_ratio", "damping_ratios"}
             or any(name.startswith(("wind_", "ice_")) for name in names)
             or any(motion.kind not in SINES for motion in p.motions.values())
         )
@@ -211,6 +213,8 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         mass_damping=_nonzero(damping, "mass_proportional", number),
         link_viscosity=_nonzero(damping, "link_viscosity", number),
         tension_damping=_nonzero(damping, "tension_proportional", number),
+        damping_ratios=_damping_ratios(damping),
+        has_list_of_ratios="ratios" in damping,
         breaking_strength=number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
         diameter=number(cable["diameter"]) if "diameter" in cable else None,
         drag_coefficient=number(cable.get("drag_coefficient", 1.2)),
@@ -240,6 +244,13 @@ def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...])
 
 def _nonzero(table: Mapping[str, Any], name: str, number: Callable[[Any], Any]) -> Any:
     return number(table[name]) if name in table and np.any(table[name]) else None
+
+
+def _damping_ratios(damping: Mapping[str, Any]) -> tuple[float, ...] | None:
+    """Return the damping ratios of the vibrations about rest; None for none."""
+    check_damping(damping)
+    given = np.atleast_1d(damping["ratios"] if "ratios" in damping else damping.get("ratio", 0.0))
+    return tuple(map(float, given)) if given.any() else None
 
 
 def _time_function(values: Mapping[str, Any], path: str, *, keeps_start: bool = False) -> TimeFunction | None:

@@ -4,7 +4,7 @@ A key path joins tables and key by points: ``cable.top_tension``, ``motion.upper
 vector (``ends.upper.x``), a number from 1 a point load (``point_load.1.force.y``).  The variable of the scene Dataset has the
 path with ``_`` for ``.``; the components of a vector share the variable of the vector.
 
-Wherever a key path is taken, its three forms are the same: nested tables, the path with points, and the path with ``_``.
+Wherever a key path is taken, its two forms are the same: nested tables, and the path with points.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def variable_name(path: str) -> str:
 
 
 def dotted(path: Any) -> Any:
-    """Return a key path with points, given with points or with ``_`` (``cable_top_tension``); anything else as it is."""
+    """Return the key path of a variable of the scene Dataset (``cable_top_tension``); anything else as it is."""
     return _dotted(path) if isinstance(path, str) and "." not in path else path
 
 
@@ -95,9 +95,12 @@ def nested(tree: Mapping[Any, Any]) -> Mapping[Any, Any]:
     Raises
     ------
     SceneError
-        If two forms of one key are given.
+        If two forms of one key are given, and for the name of a variable in place of the path.
     """
-    if all(isinstance(key, str) and dotted(key) == key and "." not in key for key in tree) and not any(
+    for key in tree:
+        if (path := dotted(key)) != key:
+            raise SceneError(f"{key}: unknown key or table; allowed: tables, and key paths with points; try: {path}")
+    if all(isinstance(key, str) and "." not in key for key in tree) and not any(
         isinstance(table, Mapping) and any(isinstance(key, str) and "." in key for key in table)
         for table in tree.values()
     ):
@@ -120,8 +123,7 @@ def _order(parts: tuple[Any, ...]) -> tuple[bool, int, int]:
 def _paths(tree: Mapping[Any, Any], above: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Yield the parts of the key path of each value of nested tables; tables that are empty or hold no names are values."""
     for key, value in tree.items():
-        path = dotted(key) if not above and isinstance(key, str) else key
-        parts = (*above, *(path.split(".") if isinstance(path, str) and not _is_text_of_ranges(above) else (path,)))
+        parts = (*above, *(key.split(".") if isinstance(key, str) and not _is_text_of_ranges(above) else (key,)))
         if isinstance(value, Mapping) and value and len(parts) < MAX_PARTS:
             yield from _paths(value, parts)
         else:
@@ -190,9 +192,9 @@ def flat(ranges: Any, depth: int = MAX_PARTS) -> Any:
         below = flat(values, depth - 1) if isinstance(values, Mapping) and values and depth > 1 else {}
         found = {f"{path}.{part}": range_values for part, range_values in below.items()} or {path: values}
         for key, range_values in found.items():
-            if dotted(key) in result:
-                raise SceneError(f"ensemble.ranges.{named(dotted(key))}: given in two forms; allowed: one")
-            result[dotted(key)] = range_values
+            if key in result:
+                raise SceneError(f"ensemble.ranges.{named(key)}: given in two forms; allowed: one")
+            result[key] = range_values
     return result
 
 
@@ -239,7 +241,6 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | N
     tuple or None
         Name of the variable, index of the component of a vector (None for a scalar), and key; None for an unknown path.
     """
-    path = dotted(path)
     parts = path.split(".") if isinstance(path, str) else []
     axis = COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None
     for component, of_key in ((None, parts), (axis, parts[:-1])):
@@ -328,7 +329,7 @@ def number_at(tree: Any, path: Any) -> float | None:
 
 def value_at(tree: Any, path: Any) -> Any:
     """Return the value at a key path of nested tables; None for any other path."""
-    value, path = tree, dotted(path)
+    value = tree
     for part in path.split(".") if isinstance(path, str) else ("",):
         if isinstance(value, Mapping):
             value = value.get(part)
@@ -353,7 +354,7 @@ def number_paths(tree: Any, above: str = "") -> list[str]:
 
 def replaced(tree: Any, path: str, value: Any) -> Any:
     """Replace the value at a key path in a copy of nested tables; missing tables are made."""
-    return _replaced(tree, dotted(path).split("."), value)
+    return _replaced(tree, path.split("."), value)
 
 
 def _replaced(tree: Any, parts: list[str], value: Any) -> Any:

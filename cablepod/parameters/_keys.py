@@ -88,6 +88,12 @@ DAMPING = {
     "mass_proportional": Key(number(least=0.0), "s-1", "damping force per mass and velocity"),
     "link_viscosity": Key(number(least=0.0), "s", "damping force per axial stiffness and strain rate"),
     "tension_proportional": Key(number(least=0.0), "s", "damping force per tension and rate of slope"),
+    "ratio": Key(number(least=0.0, most=1.0), "1", "damping ratio of all vibrations about rest"),
+    "ratios": Key(
+        numbers_list(least=0.0, most=1.0),
+        "1",
+        "damping ratios of the first vibrations about rest, the last of all others",
+    ),
 }
 ENSEMBLE = {
     "members": Key(integer(least=1, most=10**7), "1", "number of members", required=True),
@@ -202,6 +208,20 @@ def meant(prefix: str, name: Any, keys: Iterable[str]) -> str:
     tables = {"": TOP, **TABLES, "point_load.1": POINT_LOAD, "ensemble": ENSEMBLE}
     elsewhere = [join(table, name) for table, of_table in tables.items() if name in of_table and table != prefix]
     return similar or (f"; try: {' or '.join(elsewhere)}" if elsewhere else "")
+
+
+def check_damping(damping: Mapping[str, Any]) -> None:
+    """Refuse damping ratios beside other keys of the table but the viscosity of the links.
+
+    Raises
+    ------
+    SceneError
+        The message names the key of the ratios.
+    """
+    for name in ("ratio", "ratios"):
+        others = [f"damping.{other}" for other in damping if other not in (name, "link_viscosity")]
+        if name in damping and others:
+            raise scene_error(f"damping.{name}", damping[name], f"none beside {' and '.join(others)}")
 
 
 def describe(key: Key) -> str:

@@ -68,6 +68,9 @@ class Parameters:
     link_viscosity: float | None  #: [s]
     tension_damping: float | None  #: damping force per tension and rate of slope [s]
     breaking_strength: Any  #: [N]; None without
+    #: damping ratios of the first vibrations about rest, the last of all others; None without
+    damping_ratios: tuple[float, ...] | None = None
+    has_list_of_ratios: bool = False  #: whether these are a list in the scene, not one number
     diameter: Any = None  #: of the cable with its ice [m]; None without
     drag_coefficient: Any = 1.2
     wind: Mapping[str, Any] | None = None  #: values of the table [wind]; None for still air

@@ -117,5 +117,5 @@ def unforced(p: Parameters) -> Parameters:
     )
     return replace(
         p, lower=lower, upper=upper, motions={}, load=load, load_factor=None, point_loads=points, mass_damping=None,
-        tension_damping=None, initial={}, duration=1.0,
+        tension_damping=None, damping_ratios=None, initial={}, duration=1.0,
     )  # fmt: skip

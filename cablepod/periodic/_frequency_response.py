@@ -146,7 +146,7 @@ def frequency_response(
     )
     if study.interrupted:
         output.stop_interrupted(result, "periodic.frequency_response", f"{result.sizes['point']} points")
-    output.warn_of_result(result.attrs, model.damping + model.tension_damping)
+    output.warn_of_result(result.attrs, model.any_damping)
     return result
 
 

@@ -23,15 +23,12 @@ MODELS = {
     ("Galerkin", "velocity_verlet"): ("v", "#CC79A7", "Galerkin"),
     ("condensed", "velocity_verlet"): ("^", "#D55E00", "condensed, explicit"),
     ("condensed", "trapezoidal"): ("<", "#E69F00", "condensed, implicit"),
-    ("trained", "velocity_verlet"): ("P", "#009E73", "condensed, trained, explicit"),
-    ("trained", "trapezoidal"): ("*", "#4cb89a", "condensed, trained, implicit"),
     ("catenary", ""): ("x", "black", "catenaries, splines between"),
 }
 #: Family -> line style, colour, label of its front.
 FRONTS = {
     "full": ("-", "#003a5c", "front, full"),
     "reduced": ("--", "#a33c00", "front, reduced"),
-    "trained": ("-.", "#00664a", "front, trained"),
     "quasi-static": (":", "black", "front, catenaries"),
 }
 #: Maximum number of instants that are drawn one by one, and number of intervals of others.

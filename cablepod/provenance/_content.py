@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cablepod.conventions import is_in_memory
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 NOT_CONTENT = frozenset((
     "keywords", "comment", "references", "license", "title", "summary", "acknowledgement", "creator_email", "creator_name",
     "institution", "project", "Conventions", "cablepod_schema", "cablepod_checksums", "date_created", "history", "history_json",
-    "id", "source", "stage", "time_coverage_duration", "time_coverage_resolution", "values_sha256", "wall_time_s",
+    "id", "source", "stage", "time_coverage_duration", "time_coverage_resolution", "wall_time_s",
 ))  # fmt: skip
 #: Attributes of variables that are not part of it.
 NOT_CONTENT_OF_VARIABLES = frozenset(("coverage_content_type", "long_name"))
@@ -46,10 +48,10 @@ class VariableContent:
         kind = variable.dtype.kind
         self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
         self.dtype = variable.dtype.newbyteorder("<")
-        has_attrs = variable._attrs and not self.is_text  # texts have no units
+        has_attrs = variable.attrs and not self.is_text  # texts have no units
         attrs = _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) if has_attrs else {}
         kind = "text" if self.is_text else self.dtype.str
-        head = [[*map(str, variable._dims)], [*variable.shape], kind, attrs]
+        head = [[*map(str, variable.dims)], [*variable.shape], kind, attrs]
         self._hash = hashlib.sha256(json.dumps(head, sort_keys=True, default=str).encode())
         self._largest, self._sum, self._done = 0.0, 0.0, 0
 
@@ -129,15 +131,14 @@ def weights(count: int) -> np.ndarray:
 
 def is_chunked(variable: xr.Variable) -> bool:
     """Tell whether a variable is a dask array, which is not computed here."""
-    # Variable.chunks alone takes longer than the hash
-    return type(variable._data) is not np.ndarray and not variable._in_memory and variable.chunks is not None
+    return not is_in_memory(variable) and variable.chunks is not None  # the second takes longer than the hash
 
 
 def _content_of_variable(variable: xr.Variable, *, sums: bool = True) -> VariableContent:
     """Return the content of a variable that is not chunked; one that is computed or read on demand is not kept in memory."""
-    content, data = VariableContent(variable), variable._data
-    if type(data) is np.ndarray or variable._in_memory or not variable.ndim or content.is_text:
-        return content.update(data if type(data) is np.ndarray else np.asarray(variable.values), sums=sums)
+    content = VariableContent(variable)
+    if is_in_memory(variable) or not variable.ndim or content.is_text:
+        return content.update(np.asarray(variable.values), sums=sums)
     for first in range(0, variable.shape[0], ROWS):
         content.update(variable[first : first + ROWS].values, sums=sums)
     return content
@@ -162,7 +163,7 @@ def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | No
     `contents` are those of its variables, computed if None, but not those of chunked variables.
     """
     entries: dict[str, list[Any]] = {}
-    for name, variable in dataset._variables.items():
+    for name, variable in dataset.variables.items():
         if contents is not None:
             entries[str(name)] = contents[str(name)].entry()
         elif is_chunked(variable):
@@ -187,19 +188,6 @@ def own_hash(dataset: xr.Dataset) -> str:
     return hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:DIGITS]
 
 
-def attributes_hash(dataset: xr.Dataset, attrs: Mapping[Any, Any] | None = None) -> str:
-    """Return the SHA-256 of the attributes of a Dataset, or of `attrs` in their place, and of its variables.
-
-    Left out are :data:`NOT_CONTENT` and :data:`NOT_CONTENT_OF_VARIABLES`.
-    """
-    variables = {
-        str(name): _lists(variable._attrs, NOT_CONTENT_OF_VARIABLES) if variable._attrs else {}
-        for name, variable in dataset._variables.items()
-    }
-    own = _lists(dataset.attrs if attrs is None else attrs, NOT_CONTENT)
-    return hashlib.sha256(json.dumps([own, variables], sort_keys=True, default=str).encode()).hexdigest()
-
-
 def _lists(attrs: Mapping[Any, Any], left_out: frozenset[str]) -> dict[str, list[Any]]:
     """Return attributes as lists, as a file does not tell a list of one number from a number."""
     return {
@@ -212,11 +200,9 @@ def _lists(attrs: Mapping[Any, Any], left_out: frozenset[str]) -> dict[str, list
 def digest(dataset: xr.Dataset) -> str:
     """Return a hash of names, dimensions and values of all variables."""
     parts = []
-    for name, variable in sorted((str(name), variable) for name, variable in dataset._variables.items()):
-        data: Any = variable._data  # Variable.data takes longer than the hash of a scene
-        if not isinstance(data, np.ndarray):
-            data = np.asarray(variable.data)
-        parts += [_described(name, variable._dims, data.shape), _bytes(data)]
+    for name, variable in sorted((str(name), variable) for name, variable in dataset.variables.items()):
+        values = np.asarray(variable.values)
+        parts += [_described(name, variable.dims, values.shape), _bytes(values)]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
@@ -229,9 +215,3 @@ def _described(name: str, dims: tuple[Any, ...], shape: tuple[int, ...]) -> byte
 def _bytes(values: np.ndarray) -> bytes:
     """Return the content of an array as bytes."""
     return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
-
-
-def stamp_values(scene: xr.Dataset) -> xr.Dataset:
-    """Set the attribute ``values_sha256`` of a scene in place, which earlier versions compare; return the scene."""
-    scene.attrs["values_sha256"] = digest(scene)
-    return scene

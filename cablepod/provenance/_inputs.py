@@ -23,7 +23,7 @@ from cablepod.provenance._content import (
     total_hash,
     variable_hash,
 )
-from cablepod.provenance._stages import COMPACT, SORTED, keep_verdict, merged_stages, recorded_content
+from cablepod.provenance._stages import COMPACT, SORTED, merged_stages, recorded_content
 from cablepod.provenance._values import MAX_HISTORY_ITEMS, to_json
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 #: Function of a stage that stands for a change of values or attributes, and of one for a Dataset without a history.
 CHANGED, MADE = "changed outside the package", "made outside the package"
-#: Name of the first one in histories of earlier versions.
-CHANGED_BEFORE = "changed by hand"
 #: Beginnings of the names of the layers of a dask array whose values are those of a file, or of an array in memory.
 AS_READ = ("original-open_dataset-", "open_dataset-", "xarray-", "rechunk-")
 #: Said of the hash of an input with chunked variables.
@@ -85,14 +83,11 @@ def input_of(
         return _made(dataset, contents)
     identifier = str(dataset.attrs["id"])
     recorded = recorded_content(history, identifier)
-    if is_scene(dataset):
-        known = str(dataset.attrs.get("values_sha256", "")) if recorded is None else recorded["hash"]
-        total = scene_digest or digest(dataset)
-        if known in (total, ""):
-            return Input(identifier, history, total, identifier if known else [identifier, total])
-        return _changed(dataset, recorded, _found(dataset, recorded, contents, total), contents)
-    found = _found(dataset, recorded, contents)
-    if recorded is None:  # of an earlier version, or many files
+    total = (scene_digest or digest(dataset)) if is_scene(dataset) else None
+    if total is not None and recorded is not None and total == recorded["hash"]:
+        return Input(identifier, history, total, identifier)
+    found = _found(dataset, recorded, contents, total)
+    if recorded is None:  # a history without it
         if found.chunked:
             return Input(identifier, history, f"not recorded, {NOT_COMPUTED}", identifier)
         return Input(identifier, history, found.total, [identifier, found.total])
@@ -112,7 +107,7 @@ def _found(
 ) -> _Found:
     """Return the content of a Dataset; chunked variables have the recorded hash, with another shape one that follows from it."""
     hashes, chunked = {}, []
-    for key, variable in dataset._variables.items():
+    for key, variable in dataset.variables.items():
         name = str(key)
         if contents is not None:
             hashes[name] = contents[name].hash
@@ -170,24 +165,22 @@ def _made(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | None) -
 
 def _changed(
     dataset: xr.Dataset,
-    recorded: Mapping[str, Any] | None,
+    recorded: Mapping[str, Any],
     found: _Found,
     contents: Mapping[str, VariableContent] | None,
 ) -> Input:
     """Return a changed Dataset as an input, with a stage for the change."""
     attrs = dataset.attrs
-    if recorded is None:  # a scene of an earlier version: all of its values
-        parameters: dict[str, Any] = {"values_sha256": found.total, "values": _small_values(dataset, found.hashes)}
-    else:
-        changed = _differing(dataset, recorded, found)
-        lacks = sorted(recorded["variables"].keys() - found.hashes.keys())
-        parameters = {"differs": changed, **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
-        parameters |= _not_computed(found)
-        if is_scene(dataset):
-            if all(dataset.variables[name].size <= MAX_HISTORY_ITEMS for name in changed):
-                parameters["values"] = _small_values(dataset, changed)
-        elif found.attributes != recorded["attributes"]:
-            parameters["attributes"] = "differ"
+    changed = _differing(dataset, recorded, found)
+    lacks = sorted(recorded["variables"].keys() - found.hashes.keys())
+    parameters = {"differs": changed, **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
+    parameters |= _not_computed(found)
+    if is_scene(dataset):
+        values = _small_values(dataset, changed)
+        if len(values) == len(changed):
+            parameters["values"] = values
+    elif found.attributes != recorded["attributes"]:
+        parameters["attributes"] = "differ"
     return _with_stage(
         dataset, CHANGED, parameters, [str(attrs["id"])], attrs.get("history_json", "[]"), found, contents
     )
@@ -212,7 +205,6 @@ def _with_stage(
     stage = {"id": identifier, "function": function, "parameters": parameters, "inputs": parents, "content": content}
     stages[identifier] = SORTED.encode(stage)
     text = Abridged(f"[{', '.join(stages.values())}]")
-    keep_verdict(text, True)
     said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
     return Input(identifier, text, said, identifier)
 
@@ -220,7 +212,7 @@ def _with_stage(
 def _extent(dataset: xr.Dataset) -> dict[str, Any]:
     """Return sizes, and first and last instant [s] of a Dataset."""
     extent: dict[str, Any] = {"sizes": {str(name): int(size) for name, size in dataset.sizes.items()}}
-    time = dataset._variables.get("time")
+    time = dataset.variables.get("time")
     if time is not None and time.size and time.dtype.kind in "fiu" and not is_chunked(time):
         ends = [float(value) for value in np.asarray(time.values).reshape(-1)[[0, -1]]]
         extent |= {
@@ -237,8 +229,8 @@ def _not_computed(found: _Found) -> dict[str, Any]:
 
 def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
     """Return the values of short variables, from which they can be made again."""
-    variables = {name: dataset.variables[name] for name in names}
-    return {name: _with_dims(variable) for name, variable in variables.items() if variable.size <= MAX_HISTORY_ITEMS}
+    variables = {str(name): variable for name, variable in dataset.variables.items()}  # names need not be texts
+    return {name: _with_dims(variables[name]) for name in names if variables[name].size <= MAX_HISTORY_ITEMS}
 
 
 def _with_dims(variable: xr.Variable) -> Any:

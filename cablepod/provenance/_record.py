@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cablepod.provenance._abridged import Abridged
 from cablepod.provenance._content import content_of
 from cablepod.provenance._inputs import Input, identified, input_of
-from cablepod.provenance._stages import SORTED, keep_verdict, merged_stages
+from cablepod.provenance._stages import SORTED, merged_stages
 from cablepod.provenance._values import to_json
 
 if TYPE_CHECKING:
@@ -100,9 +100,7 @@ def record(
         "input_hashes": [given.hash for given in taken], "content": content_of(result),
     }  # fmt: skip
     stages[identifier] = SORTED.encode(stage | ({"chosen": sorted(chosen)} if chosen else {}))
-    history = Abridged(f"[{', '.join(stages.values())}]")
-    keep_verdict(history, True)
-    result.attrs |= {"id": identifier, "history_json": history}
+    result.attrs |= {"id": identifier, "history_json": Abridged(f"[{', '.join(stages.values())}]")}
     return result
 
 

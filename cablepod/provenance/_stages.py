@@ -21,31 +21,19 @@ MAX_DEPTH, MAX_TEXT = 32, 4096
 SORTED, COMPACT = json.JSONEncoder(sort_keys=True), json.JSONEncoder(sort_keys=True, separators=(",", ":"))
 #: In place of the time of a stage that no file holds yet; sorted after all times.
 NOT_WRITTEN = "~"
-#: Whether texts are histories, of those that were asked for or made last, and the maximum number of them.
-VERDICTS: dict[str, bool] = {}
-MAX_VERDICTS = 256
+#: Number of histories whose stages are kept, those that were read last: to read one takes longer than to check all else.
+KEPT_HISTORIES = 256
 
 
 def is_history(text: str) -> bool:
     """Tell whether a text is a list of stages, as :func:`checked_stages` asks."""
     if type(text) not in (str, Abridged, np.str_):  # which may compare and hash in its own way
         return False
-    verdict = VERDICTS.get(text)
-    if verdict is None:
-        try:
-            checked_stages(text)
-            verdict = True
-        except ValueError:
-            verdict = False
-        keep_verdict(text, verdict)
-    return verdict
-
-
-def keep_verdict(text: str, verdict: bool) -> None:
-    """Keep whether a text is a history: to read a long one takes longer than all other checks of a Dataset."""
-    if len(VERDICTS) >= MAX_VERDICTS:
-        VERDICTS.clear()
-    VERDICTS[text] = verdict
+    try:
+        _texts_of_stages(text)
+    except ValueError:
+        return False
+    return True
 
 
 def merged_stages(histories: Iterable[str]) -> dict[str, str]:
@@ -62,9 +50,9 @@ def merged_stages(histories: Iterable[str]) -> dict[str, str]:
     return stages
 
 
-@lru_cache(256)
+@lru_cache(KEPT_HISTORIES)
 def _texts_of_stages(history: str) -> tuple[tuple[str, str, str, Any], ...]:
-    """Return id, JSON text, time and content of each stage of a history (kept, as many results share that of their inputs)."""
+    """Return id, JSON text, time and content of each stage of a history."""
     return tuple(
         (stage["id"], SORTED.encode(stage), str(stage.get("written", NOT_WRITTEN)), stage.get("content"))
         for stage in checked_stages(history)

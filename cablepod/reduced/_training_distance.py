@@ -37,11 +37,9 @@ def distance_outside_training(
 
 
 def _features_of(modes: xr.Dataset) -> list[Any]:
-    """Return the names of features, none where they have no names; of an index without pandas' conversion to an array."""
-    if (variable := modes.variables.get("feature")) is None:
-        return []
-    labels: list[Any] = (variable._data.array if isinstance(variable, xr.IndexVariable) else variable.values).tolist()
-    return labels
+    """Return the names of features, none where they have no names."""
+    variable = modes.variables.get("feature")
+    return [] if variable is None else list(variable.values.tolist())
 
 
 @lru_cache(64)

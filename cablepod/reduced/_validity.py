@@ -17,8 +17,6 @@ from cablepod.parameters._parameters import Parameters
 MAX_FORCING_RATIO = 0.2
 #: Maximum estimated error as a fraction of the motion (above, the modes do not represent the motion).
 MAX_ESTIMATED_ERROR = 0.5
-#: Maximum logarithm of the growth of vibrations about rest over a run.
-MAX_LOG_GROWTH = 1.0
 #: Maximum tension of law (21) over that of the linear law, less 1 (above, the motion is that of another material: where tension
 #: holds the cable in place, positions differ by two to three times this fraction of the motion).
 MAX_EXTRA_TENSION = 0.05
@@ -82,23 +80,10 @@ def _check_forcing(attrs: Mapping[str, Any], prefix: str = "") -> None:
     check_forcing(attrs, "the condensed model lacks", prefix)
 
 
-def _check_growth(attrs: Mapping[str, Any], prefix: str = "") -> None:
-    """Warn where vibrations about rest grow with trained test functions."""
-    if attrs.get("growth_over_run", 0.0) > MAX_LOG_GROWTH:
-        warnings.warn(
-            f"{prefix}with these test functions vibrations about rest grow by exp({attrs['growth_over_run']:.3g}) over the run "
-            f"(growth_over_run, above {MAX_LOG_GROWTH:g}): the scene is too far from their training scenes; train them nearer "
-            "to it, or take the modes without them",
-            OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
-        )
-
-
 #: Diagnostic -> (sign, threshold of sign times diagnostic, warning function).
 CHECKS = {
     "smallest_chordwise_force": (-1.0, 0.0, _check_slack),
     "forcing_over_axial_frequency": (1.0, MAX_FORCING_RATIO, _check_forcing),
-    "growth_over_run": (1.0, MAX_LOG_GROWTH, _check_growth),
     "error_estimate": (1.0, MAX_ESTIMATED_ERROR, check_estimate),
 }
 

@@ -12,7 +12,6 @@ from cablepod._jit import compiled
 from cablepod.rigid._kernels_constraints import (
     dimensions,
     dot,
-    length_error,
     link_forces,
     link_vectors,
     project_positions,
@@ -30,8 +29,6 @@ from cablepod.rigid._kernels_layout import (
     INVERSE_LENGTH,
     INVERSE_MASS,
     KINETIC,
-    LENGTH,
-    LENGTH_ERROR,
     LOAD,
     LOADS,
     LOST,
@@ -64,12 +61,11 @@ from cablepod.rigid._kernels_terms import (
 
 
 @compiled(literal=False)
-def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
+def index1_accelerations(s, links, spatial, velocity, unit, damping):
     """Compute accelerations by the index-1 form from the velocities `velocity` and link vectors `unit` (rows).
 
     ACCELERATION of held ends must be set before.  The constraint differentiated twice, e.(a_(j+1) - a_j) + |v_(j+1) - v_j|^2 / l
-    = 0, gives the multipliers in CORRECTION.  A rate `stabilise` [1/s] of at least 0 adds Baumgarte's terms, 2 rate g' +
-    rate^2 g, which reduce a drift of the lengths.  Returns False if the system is singular.
+    = 0, gives the multipliers in CORRECTION.  Returns False if the system is singular.
     """
     for c in range(dimensions(spatial)):
         for j in range(links + 1):
@@ -82,13 +78,6 @@ def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
             square += dv * dv
             along += s[unit + c, j] * (s[ACCELERATION + c, j + 1] - s[ACCELERATION + c, j])
         s[RIGHT, j] = square * s[INVERSE_LENGTH, j] + along
-    if stabilise >= 0.0:
-        for j in range(links):
-            g = 0.5 * (dot(s, unit, j, unit, j, spatial) - 1.0) * s[LENGTH, j]
-            g_dot = 0.0
-            for c in range(dimensions(spatial)):
-                g_dot += s[unit + c, j] * (s[velocity + c, j + 1] - s[velocity + c, j])
-            s[RIGHT, j] += stabilise * (2.0 * g_dot + stabilise * g)
     if not solve_tridiagonal(s, links, spatial, unit, unit):
         return False
     link_forces(s, links, spatial, CORRECTION, unit)
@@ -99,14 +88,14 @@ def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
 
 
 @compiled(literal=False)
-def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, damping, stabilise, weight, powers):
+def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, damping, weight, powers):
     """Compute accelerations at place `i` of the tables, and add the weighted powers [W] of loads, ends and damping."""
     moving = ends.shape[0] > 0
     if moving:
         set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
     if patterns.shape[0] > 0:
         load_accelerations(s, links, spatial, patterns, factors[i])
-    if not index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
+    if not index1_accelerations(s, links, spatial, velocity, unit, damping):
         return False
     total = 0.0
     for j in range(links + 1):
@@ -121,13 +110,13 @@ def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, dampin
 
 @compiled
 def index1(
-    s, links, spatial, ends, patterns, factors, step, damping, stabilise, tolerance, extremes,
+    s, links, spatial, ends, patterns, factors, step, damping, tolerance, extremes,
     steps, number, save_steps, saved, counts,
 ):  # fmt: skip
     """Advance a chain by `steps` classical Runge-Kutta steps (fourth order) of the index-1 form.
 
     The multipliers follow from the constraint differentiated twice.  After each step positions and velocities are projected onto
-    the constraints, orthogonally by mass; a rate `stabilise` [1/s] of at least 0 replaces the projection by Baumgarte's terms.
+    the constraints, orthogonally by mass.
 
     Parameters are those of :func:`rattle`; the tables `ends` (2 steps + 1, 3, end, dims) and `factors` (2 steps + 1, loads) also
     have the middles of the steps.
@@ -154,9 +143,7 @@ def index1(
                 set_ends(s, links, spatial, NX, ends[place, 0])
                 set_ends(s, links, spatial, HALF, ends[place, 1])
             link_vectors(s, links, spatial, NX, N)
-            if not _stage(
-                s, links, spatial, HALF, N, ends, patterns, factors, place, damping, stabilise, weight, powers
-            ):
+            if not _stage(s, links, spatial, HALF, N, ends, patterns, factors, place, damping, weight, powers):
                 return i, SINGULAR
             if stage == 0 and extremes:
                 update_extremes(s, links)
@@ -175,29 +162,21 @@ def index1(
         if moving:
             set_ends(s, links, spatial, BASE, ends[2 * (i + 1), 0])
             set_ends(s, links, spatial, HALF, ends[2 * (i + 1), 1])
-        if stabilise < 0.0:
-            link_vectors(s, links, spatial, BASE, N)
-            for j in range(links):
-                if not dot(s, N, j, E, j, spatial) > 0.0:
-                    return i, NOT_CONVERGED
-                s[T, j] = 0.0
-            copy_vectors(s, links, spatial, N, E)
-            status = project_positions(s, links, spatial, 1.0, tolerance, counts)
-            if status != DONE:
-                link_vectors(s, links, spatial, X, E)
-                return i, status
-            if not project_velocities(s, links, spatial, HALF, N):
-                link_vectors(s, links, spatial, X, E)
-                return i, SINGULAR
-            copy_vectors(s, links, spatial, NX, X)
-            copy_vectors(s, links, spatial, N, E)
-        else:
-            copy_vectors(s, links, spatial, BASE, X)
-            link_vectors(s, links, spatial, X, E)
-            worst = length_error(s, links, spatial, E)
-            if not worst < 1e3:
+        link_vectors(s, links, spatial, BASE, N)
+        for j in range(links):
+            if not dot(s, N, j, E, j, spatial) > 0.0:
                 return i, NOT_CONVERGED
-            counts[LENGTH_ERROR] = max(counts[LENGTH_ERROR], worst)
+            s[T, j] = 0.0
+        copy_vectors(s, links, spatial, N, E)
+        status = project_positions(s, links, spatial, 1.0, tolerance, counts)
+        if status != DONE:
+            link_vectors(s, links, spatial, X, E)
+            return i, status
+        if not project_velocities(s, links, spatial, HALF, N):
+            link_vectors(s, links, spatial, X, E)
+            return i, SINGULAR
+        copy_vectors(s, links, spatial, NX, X)
+        copy_vectors(s, links, spatial, N, E)
         copy_vectors(s, links, spatial, HALF, V)
         counts[LOADS] += step / 6.0 * powers[0]
         counts[ENDS] += step / 6.0 * powers[1]
@@ -256,7 +235,7 @@ def states(s, links, spatial, ends, patterns, factors, damping, is_projected, to
         if patterns.shape[0] > 0:
             load_accelerations(s, links, spatial, patterns, factors[i])
         set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
-        if not index1_accelerations(s, links, spatial, V, E, damping, -1.0):
+        if not index1_accelerations(s, links, spatial, V, E, damping):
             return i, SINGULAR
         a[i] = s[ACCELERATION : ACCELERATION + dims, : links + 1]
         tension[i] = s[CORRECTION, :links]

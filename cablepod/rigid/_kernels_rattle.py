@@ -102,7 +102,7 @@ def rattle(
         if extremes:
             if moving:
                 set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
-            if not index1_accelerations(s, links, spatial, V, E, damping, -1.0):
+            if not index1_accelerations(s, links, spatial, V, E, damping):
                 return i, SINGULAR
             update_extremes(s, links)
         for c in range(dims):

@@ -33,7 +33,6 @@ class RigidRun(NewtonRun):
     """One scene, prepared for runs with rigid links."""
 
     formulation: str = FORMULATIONS[0]
-    baumgarte: float | None = None  #: rate of Baumgarte's stabilisation in place of the projection [1/s]
 
     @property
     def scheme(self) -> str:
@@ -72,8 +71,7 @@ class RigidRun(NewtonRun):
             of_steps = self._means_of(instants, tension) if wants else None
         if instants.needs_interpolation:
             x, v = instants.at_times(x, v, a), instants.rates_at_times(v, a)
-            is_projected = (instants.fraction > 0) & (self.baumgarte is None)
-            tension = stepper.states(instants.times, x, v, is_projected)[1]
+            tension = stepper.states(instants.times, x, v, instants.fraction > 0)[1]
         else:
             x, v = x[instants.left], v[instants.left]
             if tension is not None:
@@ -155,7 +153,6 @@ class RigidStepper:
         self.links, self.spatial = chain.links, True if p.dims == 3 else None
         self.s, self.counts = layout.new_state(self.links), np.zeros(layout.COUNTS)
         self.damping = p.mass_damping or 0.0
-        self.stabilise = -1.0 if run.baumgarte is None else float(run.baumgarte)  # below 0: projection
         self.substepped, self.status = 0, layout.DONE
         self.moving = bool(run.moving)
         s, particles, free = self.s, slice(self.links + 1), chain.free_particles
@@ -254,7 +251,7 @@ class RigidStepper:
         else:
             time = (number + np.arange(2 * steps + 1) / (2 * substeps)) / steps_per_second
             done, self.status = self.index1(
-                *head, *self._tables(time), step, self.damping, self.stabilise, self._length_rounding(time), *last
+                *head, *self._tables(time), step, self.damping, self._length_rounding(time), *last
             )
         return done
 
@@ -331,6 +328,4 @@ class RigidStepper:
         }
         if counts[layout.FIRST_KINETIC] > 0.0:
             diagnostics["start_jolt_energy"] = float(counts[layout.FIRST_KINETIC])
-        if self.run.baumgarte is not None:
-            diagnostics["baumgarte"] = self.run.baumgarte
         return diagnostics

@@ -15,6 +15,7 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.conventions import STILL_AIR
 from cablepod.discretisation._chain import LumpedChain, chain_of
+from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, user_stacklevel
 from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request
@@ -25,7 +26,7 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
-from cablepod.parameters._checks import choice, number
+from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
@@ -86,7 +87,6 @@ def simulate(
     links: int | None = None,
     times: Any = None,
     formulation: str = FORMULATIONS[0],
-    baumgarte: float | None = None,
     step: float | None = None,
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position", "tension"),
@@ -109,8 +109,6 @@ def simulate(
         "rattle": index 3, positions and velocities satisfy the constraints; symplectic, symmetric in time, second order.
         "index1": the constraints differentiated twice give the multipliers, and the classical Runge-Kutta scheme with projection
         onto the constraints after each step integrates the resulting equations; fourth order, more work per step.
-    baumgarte
-        Rate [1/s] of Baumgarte's stabilisation in place of the projection, with "index1" only; for comparison, as lengths drift.
     step
         Time step [s].  By default it is shortened until two runs agree within `tolerance`.
     tolerance
@@ -159,8 +157,7 @@ def simulate(
     -----
     m_j r_j'' = P_j + T_j e_j - T_(j-1) e_(j-1), with |R_j| = l_j for R_j = r_(j+1) - r_j = l_j e_j.  The tensions T_j are
     Lagrange multipliers and follow from tridiagonal systems, so that a step costs O(n).  RATTLE: Andersen (1983), J. Comput.
-    Phys. 52; index-1 form and stabilisation: Baumgarte (1972), Comput. Methods Appl. Mech. Eng. 1; Hairer and Wanner, Solving
-    Ordinary Differential Equations II, chapter VII.
+    Phys. 52; index-1 form and projection: Hairer and Wanner, Solving Ordinary Differential Equations II, chapter VII.
 
     A particle carries half the mass of the links beside it, a free end half a link's.  A run starts from the equilibrium of the
     rigid chain, from a straight line towards a free end at full length, or from initial.points: one point for each particle, with
@@ -169,7 +166,6 @@ def simulate(
     """
     choice(*FORMULATIONS)("formulation", formulation)
     request = Request.of(times=times, step=step, tolerance=tolerance, window=window, outputs=outputs, progress=progress)
-    baumgarte_rate = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
     warn_of_unusual(p)
     chain = _chain(p, links)
@@ -189,7 +185,6 @@ def simulate(
         request.progress,
         title,
         formulation,
-        baumgarte_rate,
         window=request.window,
     )
     steps_per_second = request.steps_per_second(p, end_time, None)
@@ -214,10 +209,9 @@ def simulate(
         result,
         function="rigid.simulate",
         inputs=[scene],
-        given={"links": links, "baumgarte": baumgarte},
+        given={"links": links},
         links=chain.links,
         formulation=formulation,
-        baumgarte=baumgarte_rate,
     )
 
 
@@ -234,16 +228,8 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
         raise scene_error(
             "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"
         )
+    refuse_damping_ratios(p, "chain.simulate, or damping.mass_proportional")
     return chain_of(p, links, least=2 if p.free_end is None else 1)
-
-
-def _check_baumgarte(rate: float | None, formulation: str) -> float | None:
-    """Return the rate of Baumgarte's stabilisation [1/s]; refuse it with other formulations."""
-    if rate is None:
-        return None
-    if formulation != "index1":
-        raise scene_error("baumgarte", rate, 'none, but for formulation "index1"')
-    return number(least=0.0)("baumgarte", rate)
 
 
 def _refine_in_time(run: RigidRun, tolerance: float) -> tuple[Trajectory, float, float]:

@@ -22,6 +22,7 @@ from cablepod.parameters._keys import (
     TOP,
     WEIGHT_KEYS,
     Key,
+    check_damping,
     check_table,
     exactly_one,
     join,
@@ -53,6 +54,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     dims = _check_ends(tree)
     check_cable(tree)
     check_chain(tree)
+    check_damping(tree.get("damping", {}))
     _check_initial(tree, dims)
     check_time(tree)
     if "wind" in mapping:

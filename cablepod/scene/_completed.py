@@ -13,12 +13,12 @@ import xarray as xr
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import key_at, kind_in, variable_name
-from cablepod.parameters._keys import TABLES, TURBULENCE, WIND, Key, check_table
+from cablepod.parameters._keys import TABLES, TURBULENCE, WIND, Key, check_damping, check_table
 from cablepod.parameters._mast_keys import SHARED_TABLES
 from cablepod.scene._check import check_cable, check_chain, check_time
 from cablepod.scene._files import read_record
 from cablepod.scene._make import Variables, _variable
-from cablepod.scene._mast import MAST_TABLES
+from cablepod.scene._mast import DAMPING_OF_CABLES, MAST_TABLES
 from cablepod.scene._ranges import KEYS_OF_WORDS
 from cablepod.scene._wind import check_wind
 
@@ -54,7 +54,7 @@ def may_have(scene: xr.Dataset, path: str) -> bool:
     table, _, name = path.rpartition(".")
     if "mast_height" not in scene:
         return table.partition(".")[0] not in MAST_TABLES
-    is_shared = table in SHARED_TABLES and name not in ("link_viscosity", "tension_proportional", "link_lengths")
+    is_shared = table in SHARED_TABLES and name not in (*DAMPING_OF_CABLES, "link_lengths")
     return is_shared or table.partition(".")[0] in MAST_TABLES
 
 
@@ -143,6 +143,8 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
         check_chain(tree)
     if table == "time":
         check_time(tree)
+    if table == "damping":
+        check_damping(checked)
     if table == "ice":
         for cable in _cables_of(scene):
             if variable_name(f"{cable}.diameter") not in scene:

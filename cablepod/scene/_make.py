@@ -49,8 +49,8 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     Parameters
     ----------
     mapping
-        Tables as mappings, vectors as sequences, SI units.  Not modified.  A key may also be given by its path, with points or
-        with ``_``: ``{"cable.area": 1.25e-4}``, ``{"cable_area": 1.25e-4}``.
+        Tables as mappings, vectors as sequences, SI units.  Not modified.  A key may also be given by its path with points:
+        ``{"cable.area": 1.25e-4}``.
 
         Motions and load factors, by `kind`: "one_minus_cosine", amplitude (1 - cos(angular_frequency t)); "harmonic", amplitude
         (sin(angular_frequency t + phase) - sin(phase)); "ramp", amplitude s^3 (10 - 15 s + 6 s^2) with s = t / duration, then
@@ -143,9 +143,7 @@ def _of_tables(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = provenance.Abridged(json.dumps(tree["ensemble"], sort_keys=True))
     identity = {"scene": _without_places(tree)}
-    provenance.stamp_values(
-        provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
-    )
+    provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
     if is_of_mast:
         check_scene_numbers(scene)
         if "ensemble" in tree:

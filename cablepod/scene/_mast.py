@@ -41,6 +41,8 @@ MAST_SCENE = Kind(
 #: Tables that only scenes with a mast have.
 MAST_TABLES = ("mast", "cables", "guy")
 ALLOWED = (*TOP, *MAST_TABLES, *(name for name in SHARED_TABLES if "." not in name), "ensemble")
+#: Keys of [damping] that guys lack.
+DAMPING_OF_CABLES = ("link_viscosity", "tension_proportional", "ratio", "ratios")
 #: Distance from the axis below which an anchor lies on it, over the height.
 ON_AXIS = 1e-9
 
@@ -74,7 +76,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     for name in SHARED_TABLES:
         if name in mapping and not name.startswith("wind"):
             tree[name] = check_table(name, mapping[name], TABLES[name])
-    for name in ("link_viscosity", "tension_proportional"):
+    for name in DAMPING_OF_CABLES:
         if name in tree.get("damping", {}):
             raise scene_error(
                 f"damping.{name}", tree["damping"][name], "none for guys of a mast; try: damping.mass_proportional"

@@ -273,7 +273,6 @@ def key_of_range(
     kind_of, has_table
         Return the kind of the time function at a path, and whether the scene has the table there.
     """
-    path = dotted(path)
     *tables, name = path.split(".") if isinstance(path, str) else [""]
     if not tables or (tables[0] in LISTED_TABLES and not has_table(".".join(tables))):
         return None
@@ -284,7 +283,9 @@ def key_of_range(
 
 
 def similar_path(path: Any, of_scene: Iterable[str]) -> str:
-    """Return the remedy for an unknown key path: a similar one of the scene, or of a table that it may have; else empty."""
+    """Return the remedy for an unknown key path: that of a variable, one like it of the scene or of its tables; else empty."""
+    if (meant := dotted(path)) != path:
+        return f"; try: {meant}"
     known = (f"{table}.{key}" for table, keys in TABLES.items() for key in keys)
     return did_you_mean(path, list(dict.fromkeys([*of_scene, *known])))
 

@@ -5,8 +5,7 @@
 A warm second call of ``chain.simulate``, ``galerkin.simulate`` (r = 2) and ``condensed.simulate`` (r = 2), default options
 otherwise, under ``sys.setprofile``.  Only frames of the package's own files count: the caller of a frame is the nearest frame of
 the package below it, compiled functions have no frame, and each step of a generator is a call.  A frame belongs to the folder of
-its file below ``cablepod/``; a file directly in ``cablepod/`` is a sub-package of its own.  Files of the flat layout (modules
-without folders) count for the folder into which HOUSE moves them, so that both layouts can be compared.
+its file below ``cablepod/``; a file directly in ``cablepod/`` is a sub-package of its own.
 
 files
     distinct files of the package with a frame.
@@ -25,36 +24,9 @@ from types import FrameType
 from typing import Any
 
 import cablepod as cp
+from cablepod.examples import scene
 
 PACKAGE = Path(cp.__file__).resolve().parent
-#: Folder of the shipped scenes, read from here for packages of either layout.
-SCENES = Path(__file__).resolve().parents[2] / "data" / "scenes"
-#: Modules of the flat layout by the folder that holds their code now.
-HOUSE = {
-    "parameters": ("schema", "parameters", "columns", "motion", "kernels.motion"),
-    "catenary": ("catenary", "kernels.catenary"),
-    "scene": ("scene", "records", "scene_limits", "ranges"),
-    "discretisation": ("links", "chord", "training"),
-    "batch": ("members", "interrupts", "threads"),
-    "integrate": ("stepping", "runs"),
-    "chain": (
-        "chain", "chain_start", "chain_runs", "chain_many", "verlet", "implicit", "kernels.chain", "kernels.implicit",
-    ),
-    "cable": ("cable", "elements", "cable_choice", "cable_runs", "kernels.cable"),
-    "rigid": ("rigid", "rigid_start", "rigid_runs", "kernels.rigid"),
-    "pod": ("pod", "pod_normal", "pod_stream", "snapshots", "decompositions", "streaming"),
-    "reduced": ("trust",),
-    "condensed": (
-        "condensed", "condensed_batch", "condensed_estimate", "condensed_make", "condensed_many", "condensed_model",
-        "condensed_output", "condensed_runs", "kernels.condensed",
-    ),
-    "galerkin": ("galerkin", "galerkin_estimate", "galerkin_model", "galerkin_runs", "kernels.reduced"),
-    "ensemble": ("ensemble", "ensemble_design", "ensemble_runs", "ensemble_store", "ensemble_work"),
-    "archive": ("archive", "archive_files", "archive_ensemble", "lineage", "whole"),
-    "examples": ("shipped",),
-    "cli": ("cli", "first_steps"),
-}  # fmt: skip
-FOLDER_OF = {f"{name.replace('.', '/')}.py": folder for folder, names in HOUSE.items() for name in names}
 
 
 class CallCounter:
@@ -94,7 +66,7 @@ class CallCounter:
 
 def sub_package(path: str) -> str:
     """Return the sub-package of a file, given by its path below the package."""
-    return FOLDER_OF.get(path, path.removesuffix(".py") if "/" not in path else path.partition("/")[0])
+    return path.removesuffix(".py") if "/" not in path else path.partition("/")[0]
 
 
 def counted(call: Callable[[], object]) -> CallCounter:
@@ -111,7 +83,7 @@ def counted(call: Callable[[], object]) -> CallCounter:
 
 def simulations(name: str) -> dict[str, Callable[[], object]]:
     """Return the call of each model for a shipped scene, on modes of its chain."""
-    given = cp.read_scene(SCENES / f"{name}.toml")
+    given = scene(name)
     chain = cp.chain.simulate(given)
     separate = cp.pod.decompose(chain, rank=2)
     normal = cp.pod.decompose(chain, rank=2, layout="normal")

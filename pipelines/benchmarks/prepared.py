@@ -1,9 +1,9 @@
-"""Time prepared models: a step of a host, from Python and compiled, and the overhead of a run.
+"""Time prepared models: a step of a host, from Python and compiled, and runs of the scene.
 
     python pipelines/benchmarks/prepared.py [--repeats 9] [--readme]
 
-The guy of Example 2 at r = 4 on sines, one thread, warm, CPU times, medians over the repeats, all in turns.  The overhead of
-`run` is the time of a run of one step, which does everything but the loop: tables, start, output at two instants, end force.
+The guy of Example 2 on sines, one thread, warm, CPU times, medians over the repeats, all in turns.  A run of one
+step is what a run costs beside the loop: tables, start, output at two instants, end force.
 """
 
 from __future__ import annotations
@@ -31,14 +31,8 @@ import cablepod as cp
 from cablepod.examples import scene
 
 HERE = Path(__file__).resolve().parent
-RANK, POINTS, STEP, RUN_STEP = 4, 41, 1e-3, 0.05
+RANKS, POINTS, STEP, RUN_STEP = (2, 4, 8), 41, 1e-3, 0.02
 CALLS, COMPILED_STEPS = 2000, 50_000
-RUNS = {
-    "the motion of the scene": {},
-    "another motion": {"motion.upper.x.amplitude": -0.05},
-    "another tension": {"cable.top_tension": 14000.0},
-    "another place of the end": {"ends.upper.x": 20.0},
-}
 
 
 def sines(rank: int) -> xr.Dataset:
@@ -83,33 +77,24 @@ def compiled_host(guy: cp.condensed.PreparedModel) -> Callable[[], object]:
 def main() -> None:
     """Print the table."""
     options = command_line(__doc__, repeats=9, readme=True).parse_args()
-    given, modes = scene("example2"), sines(RANK)
+    given = scene("example2")
     rows: list[tuple[str, Callable[[], tuple[float]]]] = []
-    for order in ("leading", "exact"):
-        guy = cp.condensed.prepare(given, modes, order=order, step=RUN_STEP)
+    for rank in RANKS:
+        modes = sines(rank)
+        guy = cp.condensed.prepare(given, modes, step=RUN_STEP)
         end, velocity = guy.end_position, np.zeros(2)
         guy.step(end, velocity, STEP)
         host = compiled_host(guy)
-        rows.append(
-            (f"step from Python, {order}", partial(seconds_per_call, partial(guy.step, end, velocity, STEP), CALLS))
-        )
-        rows.append((f"step from compiled code, {order}", partial(seconds_per_call, host, 1, COMPILED_STEPS)))
-        if order == "leading":
-            short = cp.condensed.prepare(
-                given.assign(time_duration=RUN_STEP, time_interval=RUN_STEP), modes, step=RUN_STEP
-            )
-            for name, parameters in RUNS.items():
-                run = partial(short.run, parameters)
-                run()
-                rows.append((f"run of one step, {name}", partial(seconds_per_call, run, CALLS // 10)))
-            whole = partial(guy.run, {"motion.upper.x.amplitude": -0.05})
-            whole()
-            rows.append(
-                (f"run of {124 / RUN_STEP:.0f} steps, another motion", partial(seconds_per_call, whole, CALLS // 10))
-            )
+        step = partial(guy.step, end, velocity, STEP)
+        rows.append((f"step from Python, r = {rank}", partial(seconds_per_call, step, CALLS)))
+        rows.append((f"step from compiled code, r = {rank}", partial(seconds_per_call, host, 1, COMPILED_STEPS)))
+        short = cp.condensed.prepare(given.assign(time_duration=RUN_STEP, time_interval=RUN_STEP), modes, step=RUN_STEP)
+        for name, model in (("one step", short), (f"{124 / RUN_STEP:.0f} steps", guy)):
+            model.run()
+            rows.append((f"run of {name}, r = {rank}", partial(seconds_per_call, model.run, CALLS // 10)))
     results = in_turns([job for _, job in rows], options.repeats)
     lines = [[name, f"{1e6 * medians(result)[0]:.3g} µs"] for (name, _), result in zip(rows, results, strict=True)]
-    table = markdown_table(["prepared model, r = 4", "CPU time"], lines)
+    table = markdown_table(["prepared model", "CPU time"], lines)
     show_table("prepared", table, HERE if options.readme else None)
     print(f"load average {os.getloadavg()[0]:.2f}, {os.cpu_count()} processors")
 

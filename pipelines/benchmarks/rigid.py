@@ -10,8 +10,6 @@ and Leimkuhler, a second set of multipliers keeping the velocities on the constr
 of a particle side by side, a compiled residual, a banded Jacobian by difference quotients, consistent initial values, and an
 absolute tolerance of 1e10 for the multipliers, which takes them out of its error test.
 
-Baumgarte: the index-1 form with Baumgarte's terms at 20 / s in place of the projection.
-
 Error: maximum over the scene's instants of the rms distance of the particles, over the maximum rms displacement, against the
 index-1 form at an eighth of the step chosen for a tolerance of 1e-9.  Time: inside the compiled loop, and of one whole
 call of rigid.simulate with a given step; of IDA the call of its solver.  One thread, medians over the repeats (one where a run
@@ -48,7 +46,6 @@ LONGEST = {"slack_cable": 0.064, "slack_line": 0.004, "folded_chain": 0.0005}
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 WIDTH = 6  #: unknowns of a particle: x, y, vx, vy, and of the link above it lambda, mu
 KERNELS = ("cablepod.rigid._kernels_rattle.rattle", "cablepod.rigid._kernels_index1.index1")
-BAUMGARTE = 20.0  #: rate of Baumgarte's stabilisation [1/s]
 Row = tuple[str, str, float, float, float, float]
 
 
@@ -63,12 +60,9 @@ def repeated(call: Callable[[], tuple[float, float, Any]], repeats: int) -> tupl
 
 def ours(given, method: str, step: float) -> tuple[float, float, Any]:
     """Return seconds inside the loop and of the whole call, and the run."""
-    options = {"formulation": method}
-    if method == "Baumgarte":
-        options = {"formulation": "index1", "baumgarte": BAUMGARTE}
     with time_inside(*KERNELS) as loop, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # too long steps are part of the figure
-        run, whole = timed(lambda: cp.rigid.simulate(given, step=step, **options))
+        run, whole = timed(lambda: cp.rigid.simulate(given, step=step, formulation=method))
     return loop.seconds, whole, run
 
 
@@ -176,7 +170,7 @@ def measure(name: str, repeats: int) -> Iterator[Row]:
     given = scene(name)
     best = cp.rigid.simulate(given, formulation="index1", tolerance=1e-9, outputs=("position", "tension"))
     truth = cp.rigid.simulate(given, formulation="index1", step=best.attrs["step"] / 8.0)
-    for method, factor, count in (("rattle", 1.0, 9), ("index1", 2.0, 8), ("Baumgarte", 2.0, 8)):
+    for method, factor, count in (("rattle", 1.0, 9), ("index1", 2.0, 8)):
         for step in factor * LONGEST[name] / 2.0 ** np.arange(count):
             try:
                 inside, whole, run = repeated(partial(ours, given, method, step), repeats)
@@ -212,7 +206,6 @@ def draw(rows: dict[str, list[Row]], path: Path) -> None:
     styles = {
         "rattle": ("#0072B2", "o", "RATTLE"),
         "index1": ("#D55E00", "s", "index 1, projected"),
-        "Baumgarte": ("#009E73", "x", "index 1, Baumgarte"),
         "IDA": ("#000000", "^", "IDA"),
     }
     figure, axes = plt.subplots(1, len(rows), figsize=(4.2 * len(rows), 3.8), sharey=True, layout="constrained")

@@ -13,17 +13,15 @@ Modes come from the chain itself (40 links, 125 s, every 0.1 s).  All numbers ar
 - w theta'^2] normal to the chord is added, zeta the distance along the chord and theta its angle.
 "truncated, ...": change of the retained amplitudes in the model with all modes when the truncated ones do not act on them: in
 the tension, in the force, in both.  (Without chordwise inertia; each from its own equilibrium.)
-"oblique": the model with chordwise inertia whose test functions are not the modes but as many vibration modes of the chain at
-its mean tension, chosen by a QR decomposition with pivoting of their products with the modes; extrapolated in the step.  Their
-product with the force of the truncated modes is smaller; that force is the larger part of "truncated, in both" in Examples 2 and
-3 at r = 3.
+"oblique": the model with chordwise inertia whose equations are projected not onto the modes but onto as many vibration modes of
+the chain at its mean tension, chosen by a QR decomposition with pivoting of their products with the modes; extrapolated in the
+step.  Their product with the force of the truncated modes is smaller; that force is the larger part of "truncated, in both" in
+Examples 2 and 3 at r = 3.
 "oblique, tension given": the same with the shortening of the cable by the truncated modes given from the chain at each instant:
 the one number of the tension that such a model lacks.
 "explained": the share of the variance of that number, over the second half of the time, explained by a polynomial of second order
 in the amplitudes, their rates, the chord and its rate that was fitted over the first half (below 0 the mean does better).  The
 rest does not follow from the state of the model by such a fit.
-"trained": order "exact" with test functions trained on the run, `oblique.train`.
-"trained, second half": the same trained on the first half of the run only; its error over the second half.
 """
 
 from __future__ import annotations
@@ -64,7 +62,7 @@ LINKS = 40
 TERMS = (
     "projection", *ORDERS, *(f"{order}, all modes" for order in ORDERS), "step", "rotation of the chord",
     "truncated, in the tension", "truncated, in the force", "truncated, in both", "oblique projection", "oblique",
-    "oblique, tension given", "trained", "trained, second half",
+    "oblique, tension given",
 )  # fmt: skip
 #: Step of the model with switches [s]: a third of the stability limit of 39 modes in Example 3; its error cancels in differences.
 STEP = 0.005
@@ -124,13 +122,8 @@ def budget(name: str, duration: float, ranks: tuple[int, ...] = RANKS) -> tuple[
     def put(term: str, k: int | slice, value: float) -> None:
         result[TERMS.index(term), k] = value
 
-    def errors(rank: int | None, order: str, modes: xr.Dataset = modes) -> np.ndarray:
-        return cp.compare.errors(run_model(scene, modes, rank, order, times), truth)["error"].values
-
     def model_error(rank: int | None, order: str) -> float:
-        return float(errors(rank, order).max())
-
-    half = times.size // 2
+        return float(cp.compare.errors(run_model(scene, modes, rank, order, times), truth)["error"].max())
 
     for order in ORDERS:
         put(f"{order}, all modes", slice(None), model_error(None, order))
@@ -156,9 +149,6 @@ def budget(name: str, duration: float, ranks: tuple[int, ...] = RANKS) -> tuple[
         taken = taken_length(real, length) - taken_length(known @ few, length)
         coarse, fine = (model.run(few, step, tests=tests, inertia=True, taken=taken) for step in (STEP, 0.5 * STEP))
         put("oblique, tension given", k, distance((4.0 * fine - coarse) / 3.0, real, motion))
-        for term, until in (("trained", times.size), ("trained, second half", half + 1)):
-            trained = cp.oblique.train(scene, truth.isel(time=slice(until)), modes, rank=rank, order="exact")
-            put(term, k, float(errors(rank, "exact", trained)[0 if until > half + 1 else half :].max()))
         state = np.column_stack([known, chord])
         shares[k] = explained(taken, np.column_stack([state, np.gradient(state, times, axis=0)]))
     return result, shares
@@ -202,7 +192,7 @@ def draw(result: xr.Dataset, path: Path) -> None:
         "projection": (":", "black", 1.8),
         "truncated, in the force": ("^--", "#009E73", 1.0), "truncated, in the tension": ("v--", "#CC79A7", 1.0),
         "oblique": ("s-", "#E69F00", 1.0), "oblique, tension given": ("+:", "#E69F00", 1.4),
-        "trained": ("D-", "#56B4E9", 1.8), "rotation of the chord": ("x:", "0.4", 1.0),
+        "rotation of the chord": ("x:", "0.4", 1.0),
     }  # fmt: skip
     shared: dict[str, Any] = {"sharex": True, "sharey": True, "layout": "constrained", "squeeze": False}
     picture, axes = plt.subplots(1, result.sizes["example"], figsize=(13, 4.4), **shared)

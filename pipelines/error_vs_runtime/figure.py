@@ -85,22 +85,6 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     return markdown_table(head, lines)
 
 
-def markdown_trained(rows: list[dict[str, Any]]) -> str:
-    """Write the table of the best models with trained test functions."""
-    head = (
-        "scene", "error", "best with trained test functions", "kernel, call", "offline", "kernels: full over trained",
-    )  # fmt: skip
-    lines = []
-    for row in rows:
-        of = row["best"]["trained"]
-        if of is not None:
-            cells = [TITLES[row["scene"]], "≤ " + percent(row["level"]), *_setting_and_times(of)]
-            cells.append(f"{float(of['offline_time']):.2g} s")
-            cells.append("" if np.isnan(row["trained_ratio"]) else f"{row['trained_ratio']:.3g}")
-            lines.append(cells)
-    return markdown_table(head, lines)
-
-
 def _setting_and_times(of: xr.Dataset) -> list[str]:
     name = f"{of['name'].values!s}, {float(of['step']):.3g} s"
     return [name, f"{short(1e3 * float(of['kernel_time']))}, {short(1e3 * float(of['call_time']))} ms"]

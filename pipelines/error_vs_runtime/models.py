@@ -54,8 +54,6 @@ RANKS = (1, 2, 3, 4, 6, 8, 10)
 STEPS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 #: Number of elements of the truth, of order 7 (16 differ by less than 5e-7 of the motion), and its step over the stability limit.
 ELEMENTS, SHARE = 12, 0.8
-#: Number of elements of the cable that test functions are trained against, and time error of the runs.
-LEARNED, LEARNING_TOLERANCE = 4, 1e-4
 #: Number of points along the cable at which quasi-static sequences are given.
 PLACES = 41
 
@@ -161,27 +159,6 @@ def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> T
     return found
 
 
-def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np.ndarray) -> None:
-    """Train test functions on the scene itself for the settings of family "trained".
-
-    The truth is the continuous cable on the particles of the modes.
-    """
-    for setting in tried:
-        key = basis(setting)
-        if setting.family != "trained" or key in training.modes:
-            continue
-        begin = time.perf_counter()
-        mesh = mesh_of(parameters(given), LEARNED)
-        step = 1.0 / step_control.preferred_steps_per_second(mesh.highest_frequency(1.0) / (2.0 * SHARE))
-        cable = cp.cable.simulate(given, elements=LEARNED, step=step, times=times, points=setting.size + 1)
-        with contextlib.suppress(cp.SceneError):  # too few points of quadrature for the modes
-            training.modes[key] = cp.oblique.train(
-                given, cable, training.modes["normal", setting.size], rank=setting.rank, order=setting.order,
-                quadrature=setting.points or None, tolerance=LEARNING_TOLERANCE,
-            )  # fmt: skip
-        training.seconds[key] = training.seconds["normal", setting.size] + time.perf_counter() - begin
-
-
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
@@ -192,7 +169,7 @@ class Setting:
     The step of an explicit full model is a share of its stability limit.
     """
 
-    family: str  #: "full", "reduced", "trained" (condensed with trained test functions) or "quasi-static"
+    family: str  #: "full", "reduced" or "quasi-static"
     model: str
     scheme: str
     size: int  #: links of a chain or of the one trained on, elements of a cable
@@ -207,10 +184,10 @@ class Setting:
         """Name in tables."""
         what = {"chain": "n", "cable": "elements"}.get(self.model, "trained with n")
         parts = [
-            "condensed, trained" if self.model == "trained" else self.model,
+            self.model,
             f"order {self.order}" if self.model == "cable" else self.order,
             f"r = {self.rank}" if self.rank else "",
-            f"{'n' if self.model == 'trained' else what} = {self.size}" if self.size else "",
+            f"{what} = {self.size}" if self.size else "",
             f"{self.points} points" if self.points else "",
         ]
         return ", ".join(part for part in [*parts, self.scheme.replace("_", " ")] if part)
@@ -237,7 +214,7 @@ def settings(*, quick: bool) -> list[Setting]:
         for r in ((2,) if quick else (1, 2, 3, 4, 6, 8))
         for share in (0.8, 0.3)
     ]
-    return found + _condensed(quick) + _trained(quick)
+    return found + _condensed(quick)
 
 
 def _condensed(quick: bool) -> list[Setting]:
@@ -270,27 +247,8 @@ def _condensed(quick: bool) -> list[Setting]:
     return found
 
 
-def _trained(quick: bool) -> list[Setting]:
-    explicit, implicit = "velocity_verlet", "trapezoidal"
-    if quick:
-        return [Setting("trained", "trained", explicit, 40, "leading", 2, step=h) for h in (0.1, 0.05)]
-    return [
-        Setting("trained", "trained", scheme, 160, order, rank, points, step=h)
-        for order, points, scheme, ranks, steps in (
-            ("leading", 0, explicit, (1, 2, 3, 4, 6), (0.25, *(h for h in STEPS if h <= 0.2))),
-            ("leading", 0, implicit, (1, 2, 3, 4, 6), STEPS[:-2]),
-            ("exact", 16, explicit, (2, 3, 4, 6), (0.1, 0.05, 0.02, 0.01)),
-            ("exact", 16, implicit, (2, 3, 4, 6), (2.0, 1.0, 0.5, 0.2, 0.1)),
-        )
-        for rank in ranks
-        for h in steps
-    ]
-
-
 def basis(setting: Setting) -> tuple[Any, ...]:
     """Return the key of a setting's modes in a Training."""
-    if setting.model == "trained":
-        return "trained", setting.size, setting.order, setting.rank, setting.points
     return {"Galerkin": "separate", "condensed": "normal"}.get(setting.model, ""), setting.size
 
 
@@ -401,12 +359,11 @@ COMPILED = (
     "cablepod.cable._kernels_trapezoidal.trapezoidal",
     "cablepod.galerkin._kernels_explicit.verlet",
     "cablepod.condensed._kernels_frame.frames",
-    "cablepod.condensed._kernels_leading.leading_verlet",
-    "cablepod.condensed._kernels_leading_numerov.leading_numerov",
-    "cablepod.condensed._kernels_numerov_of_two.numerov_of_two",
-    "cablepod.condensed._kernels_leading_implicit.leading_implicit",
+    "cablepod.condensed._kernels_explicit.verlet",
+    "cablepod.condensed._kernels_explicit.numerov",
+    "cablepod.condensed._kernels_implicit.trapezoidal",
     "cablepod.condensed._kernels_exact.exact_verlet",
-    "cablepod.condensed._kernels_exact_implicit.exact_implicit",
+    "cablepod.condensed._kernels_exact_implicit.exact_trapezoidal",
 )
 TABLES = (
     "cablepod.parameters._time_functions.TimeFunction.__call__",
@@ -485,7 +442,9 @@ def _through(note: Callable[..., Any]) -> Iterator[None]:
 
 
 def copied(item: Any) -> Any:
-    """Copy an array that a call may change."""
+    """Copy an array that a call may change, also those of named arguments."""
+    if isinstance(item, tuple) and hasattr(item, "_fields"):
+        return type(item)(*map(copied, item))
     return item.copy(order="K") if isinstance(item, np.ndarray) and item.flags.writeable else item
 
 

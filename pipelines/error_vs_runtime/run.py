@@ -3,9 +3,8 @@
     python pipelines/error_vs_runtime/run.py [--out out/error_against_run_time] [--readme] [--repeats 5] [--quick]
 
 The scenes are Examples 2 to 4 and two on which no modes are trained.  Full models are the chain and the continuous cable,
-explicit and implicit; reduced models are the Galerkin and the condensed model. Two families stand apart: quasi-static
-sequences of catenaries with cubic splines in time, and condensed models with test functions trained on the example itself,
-whose gain holds near the scene of training only and whose offline cost is much higher.
+explicit and implicit; reduced models are the Galerkin and the condensed model. Quasi-static sequences of catenaries with cubic
+splines in time stand apart.
 
 The error is the maximum over all tenths of a second (124 s) of the rms distance over the particles from the converged
 continuous cable, divided by its maximum rms displacement.  Between steps each model's own dense output holds.  All models obey
@@ -53,7 +52,7 @@ from tqdm import tqdm
 import cablepod as cp
 from cablepod.conventions import label
 from cablepod.integrate import _step_control as step_control
-from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_trained
+from error_vs_runtime.figure import LEVELS, draw, markdown
 from error_vs_runtime.models import (
     ELEMENTS,
     EXAMPLES,
@@ -66,7 +65,6 @@ from error_vs_runtime.models import (
     job_of,
     kernel_calls,
     law_of,
-    learn,
     limit_of,
     scene_of,
     seconds_of,
@@ -82,7 +80,7 @@ DURATION = 124.0
 POSITIONS = ("position",)
 #: Maximum time over that of a setting with no larger error of those measured again: below LONG, and above, where times vary less.
 NEAR, LITTLE = 2.0, 1.3
-FAMILIES = ("full", "reduced", "quasi-static", "trained")
+FAMILIES = ("full", "reduced", "quasi-static")
 #: Maximum error of a setting that is measured again.
 COARSE = 0.3
 #: Maximum time of a kernel that is timed by itself [s]; longer ones make nearly all of their call and are timed inside it.
@@ -202,8 +200,6 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
             base = EXAMPLES if name in UNSEEN else (name,)
             if base not in bases:
                 bases[base] = trained_on([scene_of(item, duration) for item in base], sizes, rank)
-            if name not in UNSEEN:
-                learn(bases[base], given, tried, fine)
             begin = time.perf_counter()
             rows.append(measured(given, truths, bases[base], tried, duration, repeats))
             print(f"{name}: {len(tried)} settings in {time.perf_counter() - begin:.0f} s", flush=True)
@@ -223,8 +219,6 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
         result[key] = result[key].astype(np.int8)
     for key, of in (("time_ratio", "kernel_time"), ("call_ratio", "call_time")):
         result[key] = (("scene", "error_level"), np.array([ratios(result.sel(scene=name), of) for name in names]))
-    trained = [ratios(result.sel(scene=name), families=("full", "trained")) for name in names]
-    result["trained_ratio"] = (("scene", "error_level"), np.array(trained))
     result["truth_difference"] = (("scene", "law"), np.array(apart))
     result = result.assign_coords(error_level=list(LEVELS), law=laws)
     label(
@@ -239,14 +233,13 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
         on_front=("1", "1 where no other setting of the family is both faster and better"),
         time_ratio=("1", "kernel time of the best full model over that of the best reduced model"),
         call_ratio=("1", "time of a call of the full model whose call is shortest over that of the reduced one"),
-        trained_ratio=("1", "kernel time of the best full model over that of the best with trained test functions"),
         truth_difference=("1", "largest difference of the truth from the one on file, where there is one"),
         error_level=("1", "error that both keep"),
         law=("1", "law of elasticity"),
         scene=("1", "scene"),
         trained_on=("1", "scenes that the modes of reduced models come from"),
         name=("1", "setting"),
-        family=("1", "full, reduced, reduced with trained test functions, or quasi-static"),
+        family=("1", "full, reduced or quasi-static"),
         model=("1", "model"),
         scheme=("1", "time scheme"),
         size=("1", "links of a chain or of the chain trained on, elements of a cable"),
@@ -271,10 +264,10 @@ def best(of: xr.Dataset, family: str, level: float, key: str = "kernel_time") ->
     return int(rows[np.argmin(of[key].values[rows])]) if rows.size else None
 
 
-def ratios(of: xr.Dataset, key: str = "kernel_time", families: tuple[str, ...] = FAMILIES[:2]) -> list[float]:
-    """Return the time of one family's best model over another's at each level."""
+def ratios(of: xr.Dataset, key: str) -> list[float]:
+    """Return the time of the best full model over that of the best reduced one at each level."""
     seconds = of[key].values
-    pairs = [[best(of, family, level, key) for family in families] for level in LEVELS]
+    pairs = [[best(of, family, level, key) for family in ("full", "reduced")] for level in LEVELS]
     return [
         np.nan if full is None or reduced is None else float(seconds[full] / seconds[reduced])
         for full, reduced in pairs
@@ -289,7 +282,6 @@ def rows_of(result: xr.Dataset) -> list[dict[str, Any]]:
             "level": level,
             "ratio": float(of["time_ratio"].sel(error_level=level)),
             "call_ratio": float(of["call_ratio"].sel(error_level=level)),
-            "trained_ratio": float(of["trained_ratio"].sel(error_level=level)),
             "best": {
                 family: None if (i := best(of, family, level)) is None else of.isel(setting=i) for family in FAMILIES
             },
@@ -332,8 +324,7 @@ def main() -> None:
     names = options.scenes or (["example2", "guy"] if options.quick else [*EXAMPLES, *UNSEEN])
     result = study(names, quick=options.quick, repeats=options.repeats, folder=options.out)
     rows = rows_of(result)
-    tables = {"models": markdown(rows), "trained": markdown_trained(rows)}
-    text = "\n\n".join(tables.values())
+    text = markdown(rows)
     (options.out / "error_against_run_time.md").write_text(text + "\n")
     publish(
         options.out,
@@ -341,7 +332,7 @@ def main() -> None:
         result,
         draw=lambda path: draw(result).savefig(path, dpi=75),
         page=HERE if options.readme else None,
-        tables=tables,
+        tables={"models": text},
     )
     print(fronts_as_text(result))
     print(text)

@@ -157,22 +157,6 @@ for error, seconds_of in zip(measured.error_max[~is_chain].values, measured.call
 # those of the Galerkin model about as fast. Most of such a short call is Python, which many scenes share in a batch:
 # *Parametric study*.
 #
-# ## Trained test functions
-#
-# Three modes hold this motion to 0.14 %, yet a model on them errs by 1 %: modes that are left out pull on those that are kept,
-# and take length from the cable. The model tests its equations with the modes themselves (Galerkin); others feel less of that.
-# `oblique.train` looks for them along the whole motion. Here it sees the first half only.
-
-# %%
-half = chain.isel(time=slice(0, 63))
-trained = cp.oblique.train(scene, half, normal, rank=3, iterations=2 if SMALL else 12)
-runs = {"modes": cp.condensed.simulate(scene, normal, rank=3), "trained on 62 s": cp.condensed.simulate(scene, trained)}
-cp.plots.error_over_time({name: cp.compare.errors(run, chain) for name, run in runs.items()});
-
-# %% [markdown]
-# It has as many unknowns and costs as much. But what it gains holds near the scene of training: within some per cent of its
-# tension, frequency and amplitude, not for another guy. Train on several scenes for a parametric study.
-#
 # ## A scene that the modes have not seen
 #
 # Train on Example 2, which is taut and slow; predict Example 3, slacker and faster.
@@ -203,16 +187,22 @@ for name, modes in {"modes of snapshots": normal, "modes without": still}.items(
     print(f"{name}: error {error:.2%}, expected by the model {run.attrs['error_estimate']:.2%}")
 
 # %% [markdown]
-# A prepared model runs again for other numbers of the same scene, with plain arrays: the loop of an optimiser. Here the largest
-# tension of the top link over the amplitude of the mast's motion.
+# Members of a scene run side by side: the loop of an optimiser. Here the largest tension of the top link over the amplitude of
+# the mast's motion.
 
 # %%
-guy = cp.condensed.prepare(scene, still)
 amplitudes = np.linspace(-0.08, 0.08, 5 if SMALL else 41)  # m
-begin = time.perf_counter()
-peaks = [guy.run({"motion.upper.x.amplitude": a}, outputs=("tension",), links=[40]).tension.max() for a in amplitudes]
-print(f"{1e3 * (time.perf_counter() - begin) / amplitudes.size:.1f} ms a run of {scene.time_duration:.0f} s")
-print(f"peak tension {min(peaks):.0f} to {max(peaks):.0f} N")
+members = scene.assign(motion_upper_x_amplitude=("member", amplitudes))
+
+
+def peaks():
+    """Return the largest tension of each member."""
+    run = cp.condensed.simulate(members, still, step=0.02, outputs=("tension",), links=[40])
+    return run.tension.values.max(axis=(1, 2))
+
+
+print(f"{1e3 * seconds(peaks) / amplitudes.size:.1f} ms a run of {scene.time_duration:.0f} s")
+print(f"peak tension {peaks().min():.0f} to {peaks().max():.0f} N")
 
 # %% [markdown]
 # ## When they fail

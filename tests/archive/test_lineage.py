@@ -74,16 +74,6 @@ def test_condensed_and_comparison_are_made_again(soft):
     assert len(lineage.ancestors(error)) == 5
 
 
-def test_trained_test_functions_are_made_again(soft):
-    scenes = [cp.make_scene({**soft, "cable": {**soft["cable"], "top_tension": item}}) for item in (200.0, 220.0)]
-    runs = [cp.chain.simulate(scene, step=1e-3) for scene in scenes]
-    modes = cp.pod.decompose(runs, layout="normal", rank=2)
-    several = cp.oblique.train(scenes, runs, modes, iterations=1, tolerance=1e-3)
-    one = cp.oblique.train(scenes[0], runs[0], modes, rank=1, iterations=1, tolerance=1e-3)
-    for result in (several, cp.condensed.simulate(scenes[0], one, times=[1.0])):
-        xr.testing.assert_identical(again(result), result)
-
-
 def test_changes_by_hand_are_made_again(soft):
     scene = cp.make_scene(soft)
     heavier = scene.assign(gravity=scene.gravity + 0.1)
@@ -93,6 +83,11 @@ def test_changes_by_hand_are_made_again(soft):
         xr.testing.assert_identical(again(result), result)
     without = cp.chain.simulate(scene.drop_vars([name for name in scene if str(name).startswith("motion")]), step=1e-3)
     xr.testing.assert_identical(again(without), without)
+
+
+def test_a_scene_with_a_variable_whose_name_is_no_text_is_made_again(soft):
+    result = cp.chain.rest(cp.make_scene(soft).assign({1: 3.0}))
+    xr.testing.assert_identical(again(result), result)
 
 
 def test_another_result_is_noticed(soft):

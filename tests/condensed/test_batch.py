@@ -16,7 +16,6 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.catenary._statics import load_plane, load_planes, member_statics, solve_statics
 from cablepod.condensed import _batch as condensed_batch
-from cablepod.condensed import _lanes as lanes
 from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
 from cablepod.discretisation import _similarity as similarity
@@ -98,17 +97,15 @@ def test_chords_that_turn_into_the_reference_axis_have_no_positions(soft, monkey
     assert "turns into the axis y" in run.failure.values[0]
 
 
-def test_the_bits_of_a_member_do_not_depend_on_its_lane(soft, monkeypatch):
+def test_the_bits_of_a_member_do_not_depend_on_its_lane(soft):
     varied = {"cable_top_tension": np.linspace(200.0, 300.0, 41), "motion_lower_y_phase": np.linspace(0.0, 6.0, 41)}
     scenes, modes = scenes_of(soft, BOTH, varied), full_modes()
     options = {**OPTIONS, "outputs": ("position", "tension", "tension_extremes")}
     run = cp.condensed.simulate(scenes, modes, **options)
     other = np.array([0, *range(40, 2, -1)])  # the first member gives the shared coefficients
-    for size in (8, 16, 32):
-        monkeypatch.setattr(lanes, "LANES", size)
-        part = cp.condensed.simulate(scenes.isel(member=other), modes, **options)
-        for name in ("amplitude", "position", "tension", "tension_minimum", "tension_maximum"):
-            np.testing.assert_array_equal(part[name], run[name].isel(member=other), err_msg=f"{name} {size}")
+    part = cp.condensed.simulate(scenes.isel(member=other), modes, **options)
+    for name in ("amplitude", "position", "tension", "tension_minimum", "tension_maximum"):
+        np.testing.assert_array_equal(part[name], run[name].isel(member=other), err_msg=name)
 
 
 def test_failing_members_report_the_reason_of_single_runs(soft, monkeypatch):
@@ -135,17 +132,17 @@ def test_failing_members_report_the_reason_of_single_runs(soft, monkeypatch):
 def test_members_without_an_equilibrium_fall_back_to_single_runs(soft, monkeypatch):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
     truth = single_runs(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
-    start, solve, alone = condensed_batch.CondensedBatch._start, condensed_runs.solve, []
+    start, solve, alone = condensed_batch.CondensedBatch.starts, condensed_runs.solve, []
 
-    def without_equilibrium(batch):
-        q, v, limit = start(batch)
-        return q, v, np.where(batch.parameters.length_value == 300.0, np.nan, limit)
+    def without_equilibrium(batch, step):
+        q, v, limit, chord_tension = start(batch, step)
+        return q, v, np.where(batch.parameters.length_value == 300.0, np.nan, limit), chord_tension
 
     def recorded(model, request):
         alone.append(model.chain.p.length_value)
         return solve(model, request)
 
-    monkeypatch.setattr(condensed_batch.CondensedBatch, "_start", without_equilibrium)
+    monkeypatch.setattr(condensed_batch.CondensedBatch, "starts", without_equilibrium)
     monkeypatch.setattr(condensed_batch, "solve", recorded)
     assert_close(cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS), truth)
     assert alone == [300.0]

@@ -73,13 +73,6 @@ def test_means_stop_at_the_step_whose_chord_does_not_close(modes, opened):
     assert opened - 0.1 < float(re.search(r"at ([0-9.]+) s", str(stopped.value))[1]) <= opened
 
 
-def test_a_prepared_model_stops_too(modes, opened):
-    prepared = cp.condensed.prepare(cp.make_scene(GUY), modes, order="exact")
-    with pytest.raises(RunStopped) as stopped:
-        prepared.run()
-    check(stopped, opened)
-
-
 def test_a_member_whose_chord_does_not_close_says_so_and_stops_no_other(modes, opened):
     still = cp.make_scene(GUY | {"motion": {"upper": {"y": GUY["motion"]["upper"]["y"] | {"amplitude": 1e-3}}}})
     with pytest.warns(cp.errors.MemberFailedWarning):

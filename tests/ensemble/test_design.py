@@ -71,7 +71,7 @@ def test_ranges_with_a_count_make_a_grid_of_all_combinations(scenes_of):
     np.testing.assert_array_equal(x.reshape(5, 4), [[7.0, 7.5, 8.0, 8.5]] * 5)
     np.testing.assert_array_equal(scenes["ends_upper"].sel(coordinate="x"), x)
     xr.testing.assert_identical(scenes, scenes_of(20, ranges=dict(reversed(COUNTS.items()))))
-    nested = {"cable": {"top_tension": (200, 300, 5)}, "ends_upper_x": np.array([7.0, 8.5, 4.0])}
+    nested = {"cable": {"top_tension": (200, 300, 5)}, "ends.upper.x": np.array([7.0, 8.5, 4.0])}
     xr.testing.assert_identical(scenes, scenes_of(None, ranges=nested))
     links = scenes_of(None, ranges={"chain.links": [4, 8, 3], "gravity": [9, 10, 2]})
     assert links["chain_links"].values.tolist() == [4, 4, 6, 6, 8, 8]

@@ -12,7 +12,7 @@ from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
 from cablepod import provenance
-from cablepod.archive._manifest import describe_ensemble, manifest_text, time_errors
+from cablepod.archive._manifest import describe_ensemble, time_errors
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -235,25 +235,6 @@ def test_scenes_that_give_no_single_array_are_refused(scenes_of, soft, tmp_path)
     for wrong in (cp.make_scene(soft), None, links.isel(member=slice(0, 0))):
         with pytest.raises(cp.SceneError, match=r"^scenes: given (no |a NoneType)"):
             cp.ensemble.run(wrong, tmp_path / "other")
-
-
-def test_an_ensemble_that_an_earlier_version_began_is_finished(tmp_path, soft):
-    """Before schema 3 ids of ensembles followed from hashes of values too; the same scenes and options go on."""
-    scenes = cp.ensemble.design(cp.make_scene(soft), {"gravity": [9.7, 9.9]}, members=4)
-    folder, options = tmp_path / "runs", {"batch": 2, "times": [0.1], "workers": 1}
-    cp.ensemble.run(scenes, folder, **options)
-    path = folder / "manifest.json"
-    manifest = json.loads(path.read_text()) | {"id": "0" * 20, "schema": 2, "done": {}}
-    manifest["scenes"] = f"{'1' * 20} {manifest['scenes'].split()[1]}"
-    for file in folder.glob("batch_*.nc"):
-        file.unlink()
-    path.write_text(manifest_text(manifest))
-    cp.ensemble.run(scenes, folder, **options)
-    assert json.loads(path.read_text())["id"] == "0" * 20
-    with pytest.raises(cp.archive.ArchiveError, match="holds another ensemble"):
-        cp.ensemble.run(scenes.assign(gravity=scenes.gravity + 0.1), folder, **options)
-    with pytest.raises(cp.archive.ArchiveError, match="holds another ensemble"):
-        cp.ensemble.run(scenes, folder, **options | {"times": [0.2]})
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.errors.OutOfRangeWarning")  # two modes of a chain in a short run

@@ -21,7 +21,8 @@ PACKAGE = Path(cablepod.__file__).parent
 
 #: Sub-packages and modules by level.  Each may import from lower levels, and within itself.
 LAYERS = (
-    ("conventions", "errors", "provenance", "_jit"),
+    ("conventions", "errors", "_jit"),
+    ("provenance",),
     ("parameters", "_resources"),
     ("_inputs",),
     ("catenary", "batch"),
@@ -29,15 +30,15 @@ LAYERS = (
     ("integrate", "pod", "reduced", "examples", "wind"),
     ("chain", "compare", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
-    ("galerkin", "mast", "oblique", "periodic"),
+    ("galerkin", "mast", "periodic"),
     ("ensemble", "paper", "study"),
     ("cli",),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 #: The facade and the command: they stand above all levels.
 TOP = ("__init__", "__main__")
-#: Former module names, kept for users, and the sub-package that each stands for.  The package itself does not import them.
-ALIASES = {"lineage": "archive", "shipped": "examples"}
+#: Public modules of names for scripts, and the sub-package that each takes them from.  The package itself does not import them.
+ALIASES = {"lineage": "archive"}
 #: Science works on Datasets: only these know the files of results.
 USERS_OF_ARCHIVE = ("archive", "ensemble", "study", "paper", "cli", "lineage", *TOP)
 #: What a kernel imports, beside other kernels.

@@ -26,9 +26,18 @@ def compiled(function=None, *, noalias=False, counted=True, **options):
     if not noalias:
         return function
 
+    def arrays_of(arguments):
+        flat = []
+        for item in arguments:
+            if type(item).__name__ == "Sizes":  # whose lengths alone count
+                continue
+            named = isinstance(item, tuple) and hasattr(item, "_fields")
+            flat += arrays_of(item) if named else [item] if isinstance(item, np.ndarray) else []
+        return flat
+
     @functools.wraps(function)
     def checked(*arguments):
-        arrays = [array for array in arguments if isinstance(array, np.ndarray) and array.size]
+        arrays = [array for array in arrays_of(arguments) if array.size]
         pairs = [(a, b) for i, a in enumerate(arrays) for b in arrays[i + 1 :] if np.shares_memory(a, b)]
         before = [(a.copy(), b.copy()) for a, b in pairs]
         result = function(*arguments)
@@ -86,12 +95,12 @@ for dims in (2, 3):
 #: Kernels that each run must call.
 KERNELS = {
     "condensed": (
-        "_kernels_leading_lanes",
-        "_kernels_leading_numerov_lanes",
+        "_kernels_terms",
+        "_kernels_recorder",
+        "_kernels_explicit",
         "_kernels_frame",
         "_kernels_sines",
-        "_kernels_numerov_of_two",
-        "_kernels_error_point",
+        "_kernels_error",
     ),
     "chain": ("_kernels_lanes", "_kernels_lane_steps", "_kernels_drag"),
 }

@@ -16,7 +16,7 @@ PACKAGE = Path(cp.__file__).parent
 #: Sub-packages and modules that work on Datasets and arrays alone.
 SCIENCE = (
     "conventions", "errors", "provenance", "parameters", "catenary", "batch", "discretisation", "integrate", "pod", "reduced",
-    "wind", "chain", "compare", "fatigue", "cable", "rigid", "condensed", "galerkin", "oblique",
+    "wind", "chain", "compare", "fatigue", "cable", "rigid", "condensed", "galerkin",
 )  # fmt: skip
 #: Functions and modules for files, clocks, processes and the machine.
 OUTSIDE = {

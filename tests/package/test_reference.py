@@ -25,8 +25,7 @@ PUBLIC = [item for name in cp.__all__ if inspect.ismodule(item := getattr(cp, na
 MAIN = (
     cp.make_scene, cp.read_scene, cp.catenary.rest, cp.catenary.solve, cp.chain.rest, cp.chain.simulate, cp.cable.frequencies,
     cp.pod.decompose, cp.pod.reconstruct, cp.galerkin.simulate, cp.condensed.simulate, cp.condensed.vibration_modes,
-    cp.oblique.train, cp.compare.errors, cp.archive.write, cp.archive.describe, cp.study.run,
-    cp.snapshots, cp.modes,
+    cp.compare.errors, cp.archive.write, cp.archive.describe, cp.study.run, cp.snapshots, cp.modes,
 )  # fmt: skip
 
 

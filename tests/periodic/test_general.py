@@ -116,6 +116,41 @@ def test_small_vibrations_have_the_damping_ratio_of_the_tension():
     assert decay == pytest.approx(np.repeat(0.5 * beta * omega**2, 4), rel=1e-6)
 
 
+@pytest.mark.parametrize("order", ["leading", "exact"])
+@pytest.mark.parametrize("planar", [False, True])
+def test_small_vibrations_have_the_damping_ratios(order, planar):
+    ratios = [0.01, 0.05, 0.02]
+    mapping = copy.deepcopy(GUY)
+    mapping["damping"] = {"ratios": ratios}
+    mapping["motion"]["upper"]["x"] |= {"amplitude": 1e-9, "angular_frequency": 5.0}
+    if not planar:
+        mapping["ends"] = {name: [*place[:2], 0.0] for name, place in mapping["ends"].items()}
+    scene = cp.make_scene(mapping)
+    modes = cp.condensed.vibration_modes(scene, rank=3)
+    mu = multipliers(cp.periodic.orbit(scene, modes, order=order, outputs=(), out_of_plane=not planar))
+    decay = np.sort(-np.log(np.abs(mu)) / (2.0 * np.pi / 5.0))[::2]
+    model, _ = model_of(scene, modes, rank=None, order=order, out_of_plane=not planar)
+    omega = np.sqrt(np.linalg.eigvalsh(model.tangent_at_rest))
+    expected = np.array([0.01, 0.05, 0.02, 0.02, 0.02, 0.02])[: omega.size] * omega
+    assert decay == pytest.approx(np.sort(expected), rel=1e-6 if order == "leading" else 0.02)
+
+
+def test_an_orbit_with_damping_ratios_is_the_motion_in_the_end():
+    mapping = copy.deepcopy(GUY)
+    mapping["damping"] = {"ratio": 0.05}
+    mapping["motion"]["upper"]["x"] |= {"amplitude": 0.003, "angular_frequency": 12.6}
+    mapping["time"] = {"duration": 20.0, "interval": 0.5}
+    scene = cp.make_scene(mapping)
+    modes = cp.condensed.vibration_modes(scene, rank=3)
+    orbit = cp.periodic.orbit(scene, modes, outputs=("position",))
+    period = 2.0 * np.pi / 12.6
+    times = 39 * period + orbit.time.values
+    run = cp.condensed.simulate(scene, modes, times=times, step=5e-4)
+    moved = run.position.values - orbit.position.values
+    motion = np.ptp(orbit.position.values, axis=0).max()
+    assert np.abs(moved).max() < 2e-3 * motion
+
+
 def test_the_scheme_of_magnus_is_of_fourth_order():
     rng = np.random.default_rng(2)
     a, b, c, d = rng.normal(size=(4, 3, 3))

@@ -49,7 +49,7 @@ def test_truth_is_that_on_file(result):
 def test_fronts_of_a_study(result, pipeline):
     for name in result["scene"].values:
         of = result.sel(scene=name)
-        for family in ("full", "reduced", "quasi-static", *(() if name == "guy" else ("trained",))):
+        for family in ("full", "reduced", "quasi-static"):
             own = of.isel(setting=np.flatnonzero(of["family"].values == family))
             front = own.isel(setting=np.flatnonzero(own["on_front"].values))
             again = own.isel(setting=np.flatnonzero(own["measured_again"].values))
@@ -65,22 +65,19 @@ def test_fronts_of_a_study(result, pipeline):
 @pytest.mark.slow
 @pytest.mark.xdist_group("error_vs_runtime")
 def test_study_measures_what_it_says(result):
-    assert set(result["family"].values) == {"full", "reduced", "quasi-static", "trained"}
-    assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary", "trained"}
+    assert set(result["family"].values) == {"full", "reduced", "quasi-static"}
+    assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary"}
     assert list(result["trained_on"].values) == ["example2", "example2, example3, example4"]
     done = np.isfinite(result["error_max"].values)
     # the condensed model refuses explicit steps that are too long for a scene; nothing else fails here
-    # test functions are not trained for scenes unseen
-    unseen = (result["model"].values == "trained") & (result["scene"].values == "guy")[:, None]
-    assert (done | (result["model"].values == "condensed") | unseen).all()
-    assert not done[unseen].any()
+    assert (done | (result["model"].values == "condensed")).all()
     assert (result["error_rms"].values[done] <= result["error_max"].values[done]).all()
     again = result["measured_again"].values == 1
     assert (np.isfinite(result["call_time"].values) == again).all()
     # a kernel is a part of its call; times of both are of different runs, and a machine may be disturbed in one
     assert np.median((result["kernel_time"] / result["call_time"]).values[again]) < 1.0
-    offline = np.isin(result["family"].values, ("reduced", "trained")) & ~unseen
-    np.testing.assert_array_equal(result["offline_time"].values > 0.0, offline)
+    for offline in result["offline_time"].values:
+        np.testing.assert_array_equal(offline > 0.0, result["family"].values == "reduced")
     # ten links are right to 1 % here, the coarsest catenaries to no more than 50 %
     assert result["error_max"].values[done].max() < 0.5
     assert result["error_max"].sel(scene="example2").values.min() < 1e-3
@@ -110,9 +107,6 @@ def test_table_figure_and_file(result, pipeline, tmp_path):
     text = pipeline["figure"].markdown(pipeline["study"].rows_of(result))
     assert len(text.splitlines()) == 2 + 3 * 2
     assert len({line.count("|") for line in text.splitlines()}) == 1
-    trained = pipeline["figure"].markdown_trained(pipeline["study"].rows_of(result)).splitlines()
-    assert len(trained) > 2
-    assert all("Example 2" in line and line.count("|") == 7 for line in trained[2:])
     cp.archive.write(result, tmp_path / "study.nc")
     assert cp.archive.read(tmp_path / "study.nc")["on_front"].equals(result["on_front"])
     picture = pipeline["figure"].draw(result)
@@ -128,10 +122,9 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
     for setting, kernel in (
         (models.Setting("full", "chain", "trapezoidal", 10, step=0.1), "generalized_alpha"),
         (models.Setting("full", "cable", "trapezoidal", 1, "7", step=0.1), "trapezoidal"),
-        (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "leading_implicit"),
+        (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "trapezoidal"),
         (models.Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 1, 6, step=0.05), "exact_verlet"),
-        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 2, step=0.05), "numerov_of_two"),
-        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 3, step=0.05), "leading_numerov"),
+        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 2, step=0.05), "numerov"),
     ):
         job = models.job_of(given, setting, setting.step, training)
         calls, _ = models.kernel_calls(job, times, setting)
@@ -141,10 +134,20 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
         within, whole = models.seconds_within(job, times, ("position",))
         assert 0.0 < within < whole
         again, _ = models.kernel_calls(job, times, setting)
-        before = calls[names.index(kernel)][1][0].copy()
+        given_arrays = arrays_of(calls[names.index(kernel)][1])
+        before = [array.copy() for array in given_arrays]
         assert models.seconds_of(calls, least=0.0) > 0.0
-        np.testing.assert_array_equal(calls[names.index(kernel)][1][0], before)  # timing leaves the first state alone
-        np.testing.assert_array_equal(again[names.index(kernel)][1][0], before)
+        for array, first, other in zip(given_arrays, before, arrays_of(again[names.index(kernel)][1]), strict=True):
+            np.testing.assert_array_equal(array, first)  # timing leaves the first state alone
+            assert other.shape == first.shape
+
+
+def arrays_of(arguments):
+    """Return all arrays among arguments and named tuples of them."""
+    flat = []
+    for item in arguments:
+        flat += arrays_of(item) if isinstance(item, tuple) else [item] if isinstance(item, np.ndarray) else []
+    return flat
 
 
 @pytest.mark.slow

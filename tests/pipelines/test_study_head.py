@@ -13,7 +13,7 @@ import _study
 import pytest
 from benchmarks import calls
 
-import cablepod as cp
+from cablepod.examples import scene
 from cablepod.integrate import _march
 from cablepod.integrate import _march as _explicit
 
@@ -86,20 +86,17 @@ def test_jobs_take_turns():
 @pytest.mark.parametrize(
     ("path", "name"),
     [
-        ("kernels/reduced.py", "galerkin"),
-        ("kernels/chain.py", "chain"),
-        ("links.py", "discretisation"),
         ("compare.py", "compare"),
         ("condensed/_runs.py", "condensed"),
         ("paper/report.py", "paper"),
     ],
 )
-def test_files_of_both_layouts_have_a_sub_package(path, name):
+def test_files_have_a_sub_package(path, name):
     assert calls.sub_package(path) == name
 
 
 def test_calls_across_count_what_leaves_a_folder():
-    counter = calls.counted(lambda: cp.read_scene(calls.SCENES / "example2.toml"))
+    counter = calls.counted(lambda: scene("example2"))
     assert 0 < counter.across.total() < counter.calls
     assert all(a != b for a, b in counter.across)
     assert counter.depth > 1

@@ -163,7 +163,7 @@ def test_slack_links_are_hatched():
 
 def test_tensions_of_some_links_and_at_places_of_their_own():
     run = pulled()
-    some = run.isel(link=[0, 2]).assign_coords(link=[1, 3])  # numbered, as in files of older versions
+    some = run.isel(link=[0, 2]).assign_coords(link=[1, 3])  # numbered
     assert mesh_of(plots.tension(some)).get_coordinates()[1, 0, 1] == pytest.approx((0.15 + 0.8) / 2)
     own = run.assign_coords(link_arc_length=("link", [1.0, 5.0, 9.0]))
     assert mesh_of(plots.tension(own)).get_coordinates()[1, 0, 1] == pytest.approx(0.3)

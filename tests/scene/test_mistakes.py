@@ -31,7 +31,7 @@ MISTAKES = [
     (
         "damping.viscous",
         5.0,
-        r"^damping\.viscous: unknown key; allowed: mass_proportional, link_viscosity, tension_proportional$",
+        r"^damping\.viscous: unknown key; allowed: mass_proportional, link_viscosity, tension_proportional, ratio, ratios$",
     ),
     ("motion.top", {}, r"^motion\.top: unknown key; allowed: lower, upper$"),
     ("motion.upper.z", RAMP, r"^motion\.upper\.z: unknown axis; allowed: x, y$"),

@@ -134,7 +134,7 @@ def wrong_together():
     yield "two weights", changed("cable.specific_weight", 77000.0), "specific_weight"
     yield "a point twice", changed("ends.upper", [0.0, 0.0]), "ends.upper"
     yield "interval above duration", changed("time.interval", 20.0), "time.interval"
-    yield "two forms", changed("cable_area", 1e-4), "cable.area"
+    yield "the name of a variable", changed("cable_area", 1e-4), "cable.area"
     yield "range of no number", changed("ensemble.ranges", {"cable.title": [1.0, 2.0]}), "ensemble.ranges.cable.title"
     yield "reversed range", changed("ensemble.ranges", {"cable.area": [2e-4, 1e-4]}), "ensemble.ranges.cable.area"
     yield "a bound that is none", changed("ensemble.ranges", {"cable.area": [-1.0, 1e-4]}), "cable.area"

@@ -103,10 +103,10 @@ def test_key_paths_of_wind_and_ice():
         {
             **GUY,
             "wind.speed": 25.0,
-            "wind_direction": [1.0, 0.0, 0.0],
-            "wind_turbulence_spectrum": "kaimal",
+            "wind.direction": [1.0, 0.0, 0.0],
+            "wind.turbulence.spectrum": "kaimal",
             "wind.turbulence.seed": 7,
-            "ice_thickness": 0.01,
+            "ice.thickness": 0.01,
         }
     )
     assert set(nested) == set(flat)

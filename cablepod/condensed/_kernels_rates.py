@@ -1,0 +1,51 @@
+"""Compiled forces of the condensed model that depend on rates, in a run alone: damping, and drag that is held over steps."""
+
+from __future__ import annotations
+
+from cablepod._jit import FUSED, compiled
+from cablepod.condensed._kernels_drag import _add_drag_at, _extrapolate_drag, _weights_of_drag
+from cablepod.condensed._kernels_terms import _geometric_forces
+
+
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _add_rate_forces(sizes, terms, rate_terms, rows, at, tension, u, work, f):
+    """Subtract the damping of rates u from the accelerations f (r) of one lane; `work` (r) is overwritten.
+
+    Damping by the tension is beta times the geometric stiffness, and none where the cable is slack.
+    """
+    if rate_terms.tension_damping > 0.0 and tension[0] > 0.0:
+        _geometric_forces(sizes, terms, rows, at, tension, u, work)
+        for j in range(len(sizes.modes)):
+            f[j] -= rate_terms.tension_damping * work[j]
+    _subtract_modal_damping(rate_terms.modal_damping, u, f)
+
+
+@compiled(fastmath=FUSED, counted=False)
+def _subtract_modal_damping(matrix, u, f):
+    """Subtract a damping matrix (r r,) times rates u from forces f (r,); nothing for a matrix without entries."""
+    r = u.size
+    for j in range(matrix.size // r):
+        for k in range(r):
+            f[j] -= matrix[j * r + k] * u[k]
+
+
+@compiled(forceinline=True, counted=False)
+def _add_held_drag(air, q, u, stretch, exact, number, step, f):
+    """Add the drag of the wind to the accelerations f (r,) in a step, evaluated or held; nothing in still air.
+
+    `stretch` and `exact` as in :func:`cablepod.condensed._kernels_drag._add_drag`; `number` is that of the step.
+    """
+    if air is None:
+        return
+    place = number * step * air.samples_per_second
+    if air.hold == 1:
+        _add_drag_at(q, u, stretch, exact, air.velocity, place, air.drag, air.shapes, air.in_plane, air.work, f)
+        return
+    held, now, before, old = air.held[0], air.held[1], air.held[2], air.held[3]
+    if number % air.hold == 0:
+        for j in range(now.size):
+            now[j] = 0.0
+        _add_drag_at(q, u, stretch, exact, air.velocity, place, air.drag, air.shapes, air.in_plane, air.work, now)
+        _extrapolate_drag(_weights_of_drag(air.hold), number == 0, now, before, old, held)
+    for j in range(held.size):
+        f[j] += held[j]

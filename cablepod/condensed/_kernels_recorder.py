@@ -1,0 +1,119 @@
+"""Compiled records of a run to leading order: extremes of force and frequency, and tensions of links."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cablepod._jit import FUSED, REORDERED_FUSED, compiled
+from cablepod.condensed._kernels_layout import (
+    MAX_OMEGA_SQUARED,
+    MIN_FORCE,
+    MIN_FORCE_STEP,
+    OMEGA_SQUARED_LIMIT,
+    UNSTABLE_STEP,
+    Sizes,
+)
+from cablepod.condensed._kernels_terms import _chord_tensions
+
+
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
+def _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monitor):
+    """Keep the largest bound of the squared frequency, and the first step where it is too large.
+
+    The squared frequencies are at most |H| max kappa + K / L0 sum (kappa q)^2 + sum |g_a| |G_a|.
+    """
+    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
+    for m in range(lanes):
+        steepest, sag, loads = 0.0, 0.0, 0.0
+        for j in range(size):
+            kappa = terms.kappa[j * lanes + m]
+            steepest = kappa if kappa > steepest else steepest
+            sag += (kappa * q[j * lanes + m]) * (kappa * q[j * lanes + m])
+        for a in range(patterns):
+            loads += abs(rows[at + (1 + a) * lanes + m]) * bounds.norms[a * lanes + m]
+        omega_squared = abs(tension[m]) * steepest + loads + 2.0 * terms.sag_stiffness[m] * sag
+        largest, unstable = MAX_OMEGA_SQUARED * lanes + m, UNSTABLE_STEP * lanes + m
+        is_first = omega_squared >= monitor[OMEGA_SQUARED_LIMIT * lanes + m] and number < monitor[unstable]
+        monitor[unstable] = number if is_first else monitor[unstable]
+        monitor[largest] = omega_squared if omega_squared > monitor[largest] else monitor[largest]
+
+
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
+def _monitor_step(sizes, terms, bounds, rows, at, q, tension, number, monitor):
+    """Update the monitor (MONITOR_ROWS, lanes): least chordwise force with its step, largest frequency."""
+    lanes, patterns = len(sizes.lanes), len(sizes.patterns)
+    for m in range(lanes):
+        bounds.least[m] = np.inf
+    for k in range(bounds.candidates.shape[0]):
+        for m in range(lanes):
+            force = tension[m]
+            for a in range(patterns):
+                force += rows[at + (1 + a) * lanes + m] * bounds.candidates[k, a * lanes + m]
+            bounds.least[m] = force if force < bounds.least[m] else bounds.least[m]
+    for m in range(lanes):
+        least, force, step = bounds.least[m], MIN_FORCE * lanes + m, MIN_FORCE_STEP * lanes + m
+        monitor[step] = number if least < monitor[force] else monitor[step]
+        monitor[force] = least if least < monitor[force] else monitor[force]
+    _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monitor)
+
+
+@compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
+def _update_extremes(sizes, links, rows, at, q, tension):
+    """Update the extremes by the tensions of the links to leading order, (H + tau) sqrt(1 + w'^2)."""
+    lanes, size, count = len(sizes.lanes), len(sizes.modes), links.low.size
+    for n in range(count):
+        links.across[n] = 0.0
+        links.out_of_plane[n] = 0.0
+        links.force[n] = 0.0
+    # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
+    for i in range(links.in_plane):
+        slopes = links.slopes[i]
+        for j in range(count // lanes):
+            for m in range(lanes):
+                k = np.uintp(j * lanes + m)
+                links.across[k] += slopes[k] * q[np.uintp(i * lanes + m)]
+    for i in range(links.in_plane, size):
+        slopes = links.slopes[i]
+        for j in range(count // lanes):
+            for m in range(lanes):
+                k = np.uintp(j * lanes + m)
+                links.out_of_plane[k] += slopes[k] * q[np.uintp(i * lanes + m)]
+    for a in range(len(sizes.patterns)):
+        patterns = links.force_patterns[a]
+        for j in range(count // lanes):
+            for m in range(lanes):
+                k = np.uintp(j * lanes + m)
+                links.force[k] += rows[np.uintp(at + (1 + a) * lanes + m)] * patterns[k]
+    for j in range(count // lanes):
+        for m in range(lanes):
+            k = np.uintp(j * lanes + m)
+            squared = links.across[k] * links.across[k] + links.out_of_plane[k] * links.out_of_plane[k]
+            value = (tension[m] + links.force[k]) * math.sqrt(1.0 + squared)
+            links.low[k] = value if value < links.low[k] else links.low[k]
+            links.high[k] = value if value > links.high[k] else links.high[k]
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, tension):
+    """Fill the tensions of links (times, links) [N] of one lane for coordinates q (times, r), see :func:`_update_extremes`.
+
+    `boundary_data` are those of the instants (times, columns), the other tables as in
+    :class:`cablepod.condensed._kernels_layout.Links`, with one lane.
+    """
+    times, r = q.shape
+    chord_tension = np.empty(1)
+    sizes = Sizes((0,), q[0], terms.mean_chordwise_forces, chord_tension)  # the loads along the normals do not count
+    for t in range(times):
+        _chord_tensions(sizes, terms, boundary_data[t], 0, q[t], chord_tension)
+        for j in range(tension.shape[1]):
+            across, out_of_plane, force = 0.0, 0.0, chord_tension[0]
+            for i in range(r):
+                if i < in_plane:
+                    across += slopes[i, j] * q[t, i]
+                else:
+                    out_of_plane += slopes[i, j] * q[t, i]
+            for a in range(force_patterns.shape[0]):
+                force += boundary_data[t, 1 + a] * force_patterns[a, j]
+            tension[t, j] = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)

@@ -1,0 +1,39 @@
+"""Compiled damping forces of given ratios on the nodes of a cable."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod._jit import REORDERED, compiled
+
+
+@compiled(fastmath=REORDERED)
+def damping_forces(modal, rates, first, forces):
+    """Fill the damping forces of the free nodes in `forces` (dims, N) [N]: -C times velocities relative to the line of the ends.
+
+    The line between the ends moves with them.
+
+    Parameters
+    ----------
+    modal
+        See :class:`cablepod.discretisation._modal_damping.NodalDamping`.
+    rates
+        Velocities of all nodes (dims, N) [m/s].
+    first
+        Number of the first free node.
+    forces
+        Those of held nodes are left alone.
+    """
+    dims, last = rates.shape[0], rates.shape[1] - 1
+    size = modal.matrix.shape[0]
+    relative = np.empty(size)
+    for j in range(size // dims):
+        sigma = modal.sigma[first + j]
+        for c in range(dims):
+            relative[dims * j + c] = rates[c, first + j] - ((1.0 - sigma) * rates[c, 0] + sigma * rates[c, last])
+    for j in range(size // dims):
+        for c in range(dims):
+            row, total = dims * j + c, 0.0
+            for k in range(size):
+                total += modal.matrix[row, k] * relative[k]
+            forces[c, first + j] = -total
