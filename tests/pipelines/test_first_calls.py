@@ -6,7 +6,6 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-
 from benchmarks import first_calls
 
 pytestmark = pytest.mark.slow  # some twenty seconds of compilation a call, on purpose with an empty cache
