@@ -54,22 +54,48 @@ def _add_projection(first, last, shapes, force, f):
             f[d] += f3
 
 
+@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+def _across(chordwise, slope, along, normal):
+    """Return a component of t x u, of the tangent t and the velocity u of the air relative to the cable."""
+    return chordwise * normal - slope * along
+
+
+@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+def _planar_law(drag, chordwise, square, along, normal, slope):
+    """Return the drag along the normal at a point: c |w| w zeta' / |t|^2, w = t x u; `square` is |t|^2."""
+    w = _across(chordwise, slope, along, normal)
+    return drag * abs(w) * w * chordwise / square
+
+
+@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+def _spatial_law(drag, chordwise, square, along, normal, binormal, slope, slope_out):
+    """Return the drag along the chord and both normals at a point: c |w| w x t / |t|^2, w = t x u; `square` is |t|^2."""
+    along_w = _across(slope, slope_out, normal, binormal)
+    normal_w = _across(slope_out, chordwise, binormal, along)
+    binormal_w = _across(chordwise, slope, along, normal)
+    factor = drag * math.sqrt(along_w * along_w + normal_w * normal_w + binormal_w * binormal_w) / square
+    return (
+        factor * (normal_w * slope_out - binormal_w * slope),
+        factor * (binormal_w * chordwise - along_w * slope_out),
+        factor * (along_w * slope - normal_w * chordwise),
+    )
+
+
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _planar_drag(stretch, exact, drag, along, normal, slope):
-    """Replace the relative velocity along the normal by the drag: c |w| w zeta' / |t|^2, w the component of t x u."""
+    """Replace the relative velocity along the normal by the drag."""
     for g in range(drag.size):
         square, chordwise = stretch * stretch, stretch
         if exact is None:
             square += slope[g] * slope[g]
         else:
             chordwise = math.sqrt(max(square - slope[g] * slope[g], 0.0))
-        w = normal[g] * chordwise - along[g] * slope[g]
-        normal[g] = drag[g] * abs(w) * w * chordwise / square
+        normal[g] = _planar_law(drag[g], chordwise, square, along[g], normal[g], slope[g])
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _spatial_drag(stretch, exact, drag, along, normal, binormal, slope, slope_out):
-    """Replace the relative velocities along the normals by the drag: c |w| w x t / |t|^2, w = t x u."""
+    """Replace the relative velocities along the normals by the drag."""
     for g in range(drag.size):
         square, chordwise = stretch * stretch, stretch
         slopes_squared = slope[g] * slope[g] + slope_out[g] * slope_out[g]
@@ -77,12 +103,9 @@ def _spatial_drag(stretch, exact, drag, along, normal, binormal, slope, slope_ou
             square += slopes_squared
         else:
             chordwise = math.sqrt(max(square - slopes_squared, 0.0))
-        along_w = slope[g] * binormal[g] - slope_out[g] * normal[g]
-        normal_w = slope_out[g] * along[g] - chordwise * binormal[g]
-        binormal_w = chordwise * normal[g] - slope[g] * along[g]
-        factor = drag[g] * math.sqrt(along_w * along_w + normal_w * normal_w + binormal_w * binormal_w) / square
-        normal[g] = factor * (binormal_w * chordwise - along_w * slope_out[g])
-        binormal[g] = factor * (along_w * slope[g] - normal_w * chordwise)
+        _, normal[g], binormal[g] = _spatial_law(
+            drag[g], chordwise, square, along[g], normal[g], binormal[g], slope[g], slope_out[g]
+        )
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
@@ -199,15 +222,10 @@ def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, 
             square += slopes_squared
         else:
             chordwise = math.sqrt(max(square - slopes_squared, 0.0))
-        binormal_w = chordwise * normal - slope * along
         if spatial is None:
-            force = drag[g] * abs(binormal_w) * binormal_w * chordwise / square
+            force = _planar_law(drag[g], chordwise, square, along, normal, slope)
         else:
-            along_w = slope * binormal - slope_out * normal
-            normal_w = slope_out * along - chordwise * binormal
-            factor = drag[g] * math.sqrt(along_w * along_w + normal_w * normal_w + binormal_w * binormal_w) / square
-            force = factor * (binormal_w * chordwise - along_w * slope_out)
-            force_out = factor * (along_w * slope - normal_w * chordwise)
+            _, force, force_out = _spatial_law(drag[g], chordwise, square, along, normal, binormal, slope, slope_out)
             g0 += shapes[rows_out[0], g] * force_out
             g1 += shapes[rows_out[1], g] * force_out
             g2 += shapes[rows_out[2], g] * force_out

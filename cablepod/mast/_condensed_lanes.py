@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.mast._air import along_guys, to_gauss
 from cablepod.mast._drive import Drive, drive_of
 from cablepod.mast._kernels_layout import LANES, MODES_TOGETHER
@@ -47,8 +48,8 @@ def run_alone(model: CondensedGuys, request: MastRequest) -> MastTrajectory:
     status, at, guy = kernel.condensed_run(
         step, request.every, request.steps, model.steps_of_drag(step), np.array(request.window_steps), np.zeros(modes),
         np.zeros(modes), p, np.zeros_like(p), constant, mast.stiffness, mast.pulls(), matrices.keep, matrices.gain,
-        mast.level_rows, mast.level_rest, lanes.heights, mast.level_of_guy, breaks, lanes.lower, lanes.axes, numbers, lanes.kappa,
-        lanes.moments, lanes.loads, lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
+        mast.level_rows, mast.level_rest, lanes.heights, mast.level_of_guy, breaks, lanes.lower, lanes.axes, numbers, lanes.terms,
+        lanes.kappa, lanes.moments, lanes.loads, lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
         lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), lanes.end_mass, drive.load_vectors, drive.factors,
         drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
         None if model.air is None else along_guys(model.air, model.drag_points, lanes.size), *lanes.drag, result.modal,
@@ -96,6 +97,12 @@ class Lanes:
         self.kappa, self.moments, self.loads = (
             self.coordinates(values) for values in (guys.kappa, guys.moments, guys.loads)
         )
+        spring = 0.5 * self.numbers[kernel.STIFFNESS] / self.numbers[kernel.LENGTH]
+        none = np.empty(0)
+        self.terms = LeadingTerms(
+            self.numbers[kernel.STIFFNESS], 1.0 / self.numbers[kernel.LENGTH], spring * self.numbers[kernel.SOFTENING],
+            self.kappa.ravel(), none, none, none,
+        )  # fmt: skip
         r, tilt = self.rank, guys.tilt
         self.tilt = np.zeros((2, self.modes, self.modes))
         self.tilt[0, :r, :r], self.tilt[1, :r, :r] = tilt[:r, :r], tilt[r:, r:]

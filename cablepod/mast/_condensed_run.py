@@ -67,8 +67,8 @@ class CondensedGuys:
 
         def forces(q: np.ndarray) -> np.ndarray:
             kernel.guy_forces(
-                lanes.numbers, lanes.kappa, lanes.loads, lanes.tilt, lanes.lower, lanes.heights, ends, lanes.coordinates(q),
-                wind, *lanes.drag, lanes.axes, on_q, on_end,
+                lanes.numbers, lanes.terms, lanes.kappa, lanes.loads, lanes.tilt, lanes.lower, lanes.heights, ends,
+                lanes.coordinates(q), wind, *lanes.drag, lanes.axes, on_q, on_end,
             )  # fmt: skip
             return lanes.back(on_q)
 

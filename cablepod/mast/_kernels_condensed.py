@@ -28,6 +28,7 @@ from cablepod.mast._kernels_guys import (
     _guy_forces,
     _hand_over,
     _own_rates,
+    _sizes_of,
 )
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._kernels_mast import (
@@ -67,18 +68,18 @@ def _rows(lanes, points):
 
 @compiled
 def guy_forces(
-    numbers, kappa, loads, tilt, lower, heights, ends, q, wind, drag, sigma, shapes, slopes, rest_axes, on_q, on_end
+    numbers, terms, kappa, loads, tilt, lower, heights, ends, q, wind, drag, sigma, shapes, slopes, rest_axes, on_q, on_end
 ):  # fmt: skip
     """Fill forces of guys whose deflections do not move, with drag unless `wind` is None.
 
     Arrays as in :func:`condensed_run`; `wind` is (points, 3, lanes) [m/s]; `q` and `on_q` (2, r, lanes), `on_end` (3, lanes).
     """
-    axes, terms, of_drag, others = _rows(q.shape[2], 0 if sigma is None else sigma.size)
+    axes, work, of_drag, others = _rows(q.shape[2], 0 if sigma is None else sigma.size)
     chord, stretch, tension, sag, end_along, end_normal, end_binormal, _, _ = others
     _axes(ends, lower, heights, numbers[LENGTH], axes, chord, stretch)
     _guy_forces(
-        numbers, kappa[0], kappa[1], loads[0], tilt, q[0], q[1], axes, chord, stretch, terms, tension, sag, on_q[0], on_q[1],
-        on_end[0], on_end[1], on_end[2],
+        numbers, _sizes_of(q), terms, kappa[0], kappa[1], loads[0], tilt, q.reshape(q.size), q[0], q[1], axes, chord, work,
+        tension, sag, on_q[0], on_q[1], on_end[0], on_end[1], on_end[2],
     )  # fmt: skip
     if wind is not None:
         still = np.zeros(q.shape)
@@ -239,7 +240,7 @@ def _add(held_q, held_end, on_q, on_end):
 @compiled(fastmath=FAST_DIVISION)
 def condensed_run(
     step, every, steps, hold, window, a, v, p, rates, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest,
-    heights, guy_level, breaks, lower, rest_axes, numbers, kappa, moments, loads, tilt, guy_keep, guy_gain, end_mass,
+    heights, guy_level, breaks, lower, rest_axes, numbers, terms, kappa, moments, loads, tilt, guy_keep, guy_gain, end_mass,
     load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag,
     sigma, shapes, slopes, saved, saved_rates, saved_coordinates, saved_force, saved_tension, saved_drag, level_extremes,
     level_sums, tension_extremes, tension_sums, monitor,
@@ -265,8 +266,9 @@ def condensed_run(
     guy_level, breaks, lower, rest_axes
         Level of each guy and the step from which on it carries no force (guys,), anchors (3, lanes) [m], axes of the guys at rest
         (9, lanes).
-    numbers, kappa, moments, loads, tilt
-        Coefficients of the guys (..., lanes), see :mod:`cablepod.mast._kernels_guys`, and tilt of shapes of unit mass (2, r, r).
+    numbers, terms, kappa, moments, loads, tilt
+        Coefficients of the guys (..., lanes), see :mod:`cablepod.mast._kernels_guys`, those of the closure, see
+        :class:`cablepod.condensed._kernels_layout.LeadingTerms`, and tilt of shapes of unit mass (2, r, r).
     guy_keep, guy_gain
         Factor of rates in a step, factors of forces (2, r, lanes).
     end_mass
@@ -293,7 +295,8 @@ def condensed_run(
     q, on_q, own = np.empty((2, r, lanes)), np.empty((2, r, lanes)), np.zeros((2, r, lanes))
     held_q, held_end = np.zeros(q.shape), np.zeros(on_end.shape)
     points = 0 if sigma is None else sigma.size
-    axes, terms, of_drag, others = _rows(lanes, points)
+    axes, of_forces, of_drag, others = _rows(lanes, points)
+    sizes, both = _sizes_of(q), q.reshape(q.size)
     chord, stretch, chordwise, sag, end_along, end_normal, end_binormal, moved, moved_out = others
     weights, guy_air = np.empty(TAPS), np.zeros(3 * points * lanes)
     guy_air_at = guy_air.reshape((points, 3, lanes))
@@ -315,8 +318,8 @@ def condensed_run(
         _deflections(p[0], p[1], moments[0], moments[1], rest_axes, ends, moved, moved_out, q[0], q[1])
         _axes(ends, lower, heights, numbers[LENGTH], axes, chord, stretch)
         _guy_forces(
-            numbers, kappa[0], kappa[1], loads[0], tilt, q[0], q[1], axes, chord, stretch, terms, chordwise, sag, on_q[0],
-            on_q[1], on_end[0], on_end[1], on_end[2],
+            numbers, sizes, terms, kappa[0], kappa[1], loads[0], tilt, both, q[0], q[1], axes, chord, of_forces, chordwise, sag,
+            on_q[0], on_q[1], on_end[0], on_end[1], on_end[2],
         )  # fmt: skip
         _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
         if _watch(k, largest, chordwise, sag, numbers[LARGEST_KAPPA], monitor[0], monitor[1]):

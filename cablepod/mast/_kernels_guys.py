@@ -2,7 +2,8 @@
 
 A guy has the coordinates p = q + m n.u, with the deflections q in and out of its vertical plane and the displacement u of its
 upper end.  The mass matrix of p and of the modal coordinates of the mast is constant and block diagonal, so that no step has an
-iteration.  The energy of a guy, its chord c = |upper - lower| and its load g along it give the forces,
+iteration.  The energy of a guy, its chord c = |upper - lower| and its load g along it give the forces, closure and drag being
+those of the condensed model,
 
     H = K (c/L - 1) + K/(2 L) (1 - 2 e) sum of kappa q^2,    F_i = -((1 - 2 e) H + e N0) kappa_i q_i - g (B q)_i + h P_i,
 
@@ -16,13 +17,25 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.condensed._kernels_drag import _spatial_law
+from cablepod.condensed._kernels_layout import Sizes
+from cablepod.condensed._kernels_terms import _chord_tensions
 
 #: Rows of the numbers of the guys: K [N], L [m], weight [N/m], 1 - 2 e, e N0 [N], largest fitted kappa [1/(kg m)], scale of the
 #: shapes [kg^-1/2] and of their slopes [kg^-1/2 1/m].
 STIFFNESS, LENGTH, WEIGHT, SOFTENING, STIFFENING, LARGEST_KAPPA, SCALE, SLOPE_SCALE = range(8)
 #: Rows of the ends of the guys: displacement in x, y, z from rest [m], position in x and z [m], rates in x and z [m/s].
 X, Y, Z, AT_X, AT_Z, RATE_X, RATE_Z = range(7)
+
+
+@compiled(forceinline=True)
+def _sizes_of(q):
+    """Return the numbers of lanes and of coordinates of the closure; its loads along the chord have no mean."""
+    none = np.empty(0)
+    return Sizes(q[0, 0], np.empty(2 * q.shape[1]), none, none)
 
 
 @compiled(noalias=True, forceinline=True, fastmath=FAST_DIVISION)
@@ -116,31 +129,30 @@ def _axes(ends, lower, heights, lengths, axes, chord, stretch):
 
 @compiled(noalias=True, forceinline=True, fastmath=FAST_DIVISION)
 def _guy_forces(
-    numbers, kappa, kappa_out, loads, tilt, q, q_out, axes, chord, stretch, work, tension, sag, on_q, on_out, end_x, end_y, end_z
+    numbers, sizes, terms, kappa, kappa_out, loads, tilt, both, q, q_out, axes, chord, work, tension, sag, on_q, on_out, end_x,
+    end_y, end_z,
 ):  # fmt: skip
     """Fill the forces on the coordinates (r, lanes) and on the ends (lanes,) [N], H [N] and the stiffness of the sag [1/s2].
 
-    `tilt` is that of shapes of unit mass (2, r, r); `loads` are those of the shapes in the plane.
+    `sizes` and `terms` are those of the closure, see :mod:`cablepod.condensed._kernels_layout`, for the coordinates `both` in and
+    out of the plane (2 r lanes,); `tilt` is that of shapes of unit mass (2, r, r); `loads` are those of the shapes in the plane.
     """
     ax, ay, az, flat, nx, nz = axes
     straight, along, normal, tilted, tilted_out, quadratic, linear = work
     r, lanes = q.shape
+    _chord_tensions(sizes, terms, chord, 0, both, tension)
     for g in range(lanes):
         a, b = kappa[0, g] * q[0, g], kappa[1, g] * q[1, g]
         c, d = kappa_out[0, g] * q_out[0, g], kappa_out[1, g] * q_out[1, g]
-        tension[g] = a * q[0, g] + b * q[1, g] + c * q_out[0, g] + d * q_out[1, g]
         sag[g] = a * a + b * b + c * c + d * d
     for i in range(2, r, 2):
         for g in range(lanes):
             a, b = kappa[i, g] * q[i, g], kappa[i + 1, g] * q[i + 1, g]
             c, d = kappa_out[i, g] * q_out[i, g], kappa_out[i + 1, g] * q_out[i + 1, g]
-            tension[g] += a * q[i, g] + b * q[i + 1, g] + c * q_out[i, g] + d * q_out[i + 1, g]
             sag[g] += a * a + b * b + c * c + d * d
     for g in range(lanes):
-        spring = numbers[STIFFNESS, g] / numbers[LENGTH, g]
-        force = numbers[STIFFNESS, g] * (stretch[g] - 1.0) + 0.5 * spring * numbers[SOFTENING, g] * tension[g]
-        tension[g] = force
-        sag[g] *= spring
+        force = tension[g]
+        sag[g] *= numbers[STIFFNESS, g] / numbers[LENGTH, g]
         straight[g] = -(force * numbers[SOFTENING, g] + numbers[STIFFENING, g])
         along[g] = numbers[WEIGHT, g] * ay[g]  # minus the load along the chord
         normal[g] = -numbers[WEIGHT, g] * flat[g]  # the load across it
@@ -264,14 +276,10 @@ def _guy_drag(
             )  # fmt: skip
             # the tangent points from the anchor to the mast, the first axis the other way
             square = stretch[g] * stretch[g] + a * a + b * b
-            product = (v * a + w * b - u * stretch[g]) / square
-            u += product * stretch[g]
-            v -= product * a
-            w -= product * b
-            size = drag[k, g] * math.sqrt(square * (u * u + v * v + w * w))
-            along[k, g] = size * u
-            normal[k, g] = scale * size * v
-            binormal[k, g] = scale * size * w
+            u, v, w = _spatial_law(drag[k, g], -stretch[g], square, u, v, w, a, b)
+            along[k, g] = u
+            normal[k, g] = scale * v
+            binormal[k, g] = scale * w
     for i in range(r):
         for k in range(0, sigma.size, 2):
             for g in range(lanes):

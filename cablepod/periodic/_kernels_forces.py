@@ -35,7 +35,9 @@ def _least_force(forced, row, tension):
 
 @compiled(fastmath=REORDERED_FUSED, literal=False)
 def leading_samples(z, basis, forced, stride, force, force_rate, tangent):
-    """Evaluate the forces of order "leading" at the samples of a period; return the smallest chordwise force.
+    """Evaluate the forces of order "leading" at the samples of a period.
+
+    Without forces return the smallest chordwise force, inf otherwise.
 
     Parameters
     ----------
@@ -63,6 +65,7 @@ def leading_samples(z, basis, forced, stride, force, force_rate, tangent):
         if force.size == 0:
             _sum_rows(forced.rows, j * stride, omega * forced.damping, omega * omega, row)
             _chord_tensions(sizes, terms, row, 0, q, tension)
+            least = min(least, _least_force(forced, row, tension[0]))
         # forces are linear in the boundary data: their difference for a change of these is their derivative
         for part in range(0 if has_rate else 1, 2 if force.size > 0 else 1):
             change = 1.0 - part
@@ -73,7 +76,6 @@ def leading_samples(z, basis, forced, stride, force, force_rate, tangent):
                 force_rate[j, a] = force[j, a] if part == 0 else force_rate[j, a] - force[j, a]
         if tangent.size > 0:
             _fill_tangent(terms, row, 0, q, tension[0], tangent[j])
-        least = min(least, _least_force(forced, row, tension[0]))
     return least
 
 

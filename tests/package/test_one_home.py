@@ -1,0 +1,116 @@
+"""Closure, drag and damping have one home each: with another sign there, all models that have the term change."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from children import environment, run_python
+
+import cablepod
+
+#: Term -> its file, the line of its sign, and that line with the other sign.
+SIGNS = {
+    "closure": ("condensed/_kernels_terms.py", "tension[m] += terms.sag_stiffness[m]", "tension[m] -= terms.sag_stiffness[m]"),
+    "drag": (
+        "condensed/_kernels_drag.py", "return chordwise * normal - slope * along", "return chordwise * normal + slope * along"
+    ),
+    "damping": (
+        "condensed/_kernels_rates.py", "f[j] -= rate_terms.tension_damping * work[j]",
+        "f[j] += rate_terms.tension_damping * work[j]",
+    ),
+}  # fmt: skip
+#: Calls that have a term: masts have no damping by the tension, periodic responses no wind.
+CALLS = {
+    "closure": ["run", "batch", "orbit", "mast"],
+    "drag": ["windy run", "windy batch", "mast"],
+    "damping": ["damped run", "damped batch", "damped orbit"],
+}
+#: Prints a number of each call; kernels are not compiled, so that it takes seconds.
+CODE = """
+import copy, json, sys, warnings
+import cablepod as cp
+from cablepod.errors import AllFailedError, RunStopped, SceneError
+from mast_scenes import WIND, small
+from periodic_scenes import GUY
+from wind_scenes import GUY as CABLE, WIND as STEADY
+
+warnings.simplefilter("ignore")
+SHORT = {"duration": 0.2, "interval": 0.1}
+
+def guy(damping):
+    mapping = copy.deepcopy(GUY)
+    mapping["damping"] |= damping
+    mapping["time"] = SHORT
+    return cp.make_scene(mapping)
+
+def windy():
+    return cp.make_scene({**CABLE, "wind": STEADY, "time": SHORT})
+
+def mast():
+    def change(mapping):
+        mapping["wind"], mapping["mast"]["drag_area"], mapping["time"] = WIND, 0.3, {"duration": 0.4, "interval": 0.04}
+        del mapping["mast"]["load"]
+    return cp.mast.simulate(small(change)).guy_tension
+
+def run(scene):
+    return cp.condensed.simulate(scene, modes(scene), outputs=("tension",)).tension
+
+def modes(scene):
+    return cp.condensed.vibration_modes(scene, rank=1)
+
+def batch(scene):
+    members = cp.ensemble.design(scene, {"cable.top_tension": [14000.0, 16000.0]}, members=2)
+    return cp.condensed.simulate(members, modes(scene), outputs=("tension",)).tension
+
+def orbit(scene):
+    return cp.periodic.orbit(scene, modes(scene), harmonics=2, out_of_plane=False, outputs=()).growth
+
+plain, damped = {}, {"tension_proportional": 1e-3}
+calls = {
+    "run": lambda: run(guy(plain)), "batch": lambda: batch(guy(plain)), "orbit": lambda: orbit(guy(plain)),
+    "damped run": lambda: run(guy(damped)), "damped batch": lambda: batch(guy(damped)),
+    "damped orbit": lambda: orbit(guy(damped)), "windy run": lambda: run(windy()), "windy batch": lambda: batch(windy()),
+    "mast": mast,
+}
+found = {}
+for name in sys.argv[1:]:
+    try:
+        found[name] = float((calls[name]() ** 2).mean())
+    except (AllFailedError, RunStopped, SceneError) as error:
+        found[name] = str(error)
+print(json.dumps([cp.__file__, found]))
+"""
+
+
+def results(folder: Path, calls: list[str]) -> dict[str, float | str]:
+    """Results of calls by the package in a folder: numbers, or why there are none."""
+    given = environment()
+    given |= {"PYTHONPATH": f"{folder}:{given['PYTHONPATH']}", "NUMBA_DISABLE_JIT": "1"}
+    done = run_python("-c", CODE, *calls, timeout=300, env=given, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    file, found = json.loads(done.stdout.splitlines()[-1])
+    assert Path(file).is_relative_to(folder)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("term", SIGNS)
+def test_one_sign_changes_all_models(tmp_path, term):
+    source = Path(cablepod.__file__).parent
+    shutil.copytree(source, tmp_path / "cablepod", ignore=shutil.ignore_patterns("__pycache__"))
+    before = results(tmp_path, CALLS[term])
+    assert all(isinstance(value, float) for value in before.values()), before
+    file, line, other = SIGNS[term]
+    text = (tmp_path / "cablepod" / file).read_text(encoding="utf-8")
+    assert text.count(line) == 1
+    (tmp_path / "cablepod" / file).write_text(text.replace(line, other), encoding="utf-8")
+    after = results(tmp_path, CALLS[term])
+    same = [
+        name
+        for name, value in before.items()
+        if isinstance(after[name], float) and abs(after[name] - value) <= 1e-9 * abs(value)
+    ]
+    assert not same
