@@ -202,7 +202,7 @@ def scaled_terms(
         enriched=enriched,
         change=change,
         weights=length * at.weights,
-        force_patterns=at.patterns.T * load[:, None, :],
+        force_patterns=np.ascontiguousarray(at.patterns.T * load[:, None, :]),
         slopes_of_motion=np.swapaxes(slopes, 1, 2) @ change,
         slopes=slopes,
         in_plane=in_plane,

@@ -123,7 +123,7 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
     return np.nan
 
 
-@compiled(fastmath=REORDERED_FUSED, noalias=True, counted=False)
+@compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
 def _chordwise_momentum(count, stretching, weights, inertia, momentum):
     """Multiply rates of stretch (m, count) by the chordwise mass matrix, into `momentum` (m, count) [kg m^2], side by side.
 

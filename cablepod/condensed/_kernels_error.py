@@ -34,7 +34,7 @@ CHORD, REACH, FLEXIBILITY = (
 )  #: integrals of zeta' to leading order and now [m], and of its derivative by N [m/N]
 
 
-@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
 def _add_products(factor, matrix, first_row, last_row, first, last, source, count, target):
     """Add a factor times the product of a part of a matrix and source (columns, count) to target (rows, count).
 
@@ -47,7 +47,7 @@ def _add_products(factor, matrix, first_row, last_row, first, last, source, coun
                 target[i, t] += weight * source[k, t]
 
 
-@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
 def _close_samples(weights, stiffness, green, shift, corrections, count, fields, sums):
     """Fill chordwise stretch at the points, and the change of H by the exact closure.
 
@@ -88,7 +88,7 @@ def _close_samples(weights, stiffness, green, shift, corrections, count, fields,
                 fields[STRETCH, j, t] += shift * fields[COMPLIANCE, j, t] * sums[REACH, t]
 
 
-@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
 def _fill_second_rates(count, fields):
     """Fill the second rates of zeta' at constant stretch of the cable, and replace zeta' by its inverse.
 
@@ -105,7 +105,7 @@ def _fill_second_rates(count, fields):
             fields[STRETCH, j, t] = inverse
 
 
-@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
 def _fill_forces_on_slopes(weights, shift, count, fields, sums):
     """Replace the slopes by the forces on them less those to leading order, times the weights: (N - inertia) / zeta' - N."""
     for j in range(weights.size):

@@ -151,8 +151,8 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
     Parameters
     ----------
     rate_terms, air
-        Forces by rates, see :class:`cablepod.condensed._kernels_rates.RateTerms`, and wind, see
-        :class:`cablepod.condensed._kernels_rates.RunAir`; None where the rates count in the damping by mass only.  Both are of
+        Forces by rates, see :class:`cablepod.condensed._kernels_layout.RateTerms`, and wind, see
+        :class:`cablepod.condensed._kernels_layout.RunAir`; None where the rates count in the damping by mass only.  Both are of
         one lane.  The rates at a step are extrapolated from the middles of the last two steps.
     state
         `v` holds the rates half a step before, `before` those one and a half steps before.

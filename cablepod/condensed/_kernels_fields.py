@@ -137,7 +137,9 @@ def close_leading(squared, tau, length, chord, stiffness, chord_tension, stretch
     chord_tension, stretch
         Filled: H (times,) [N] and chordwise stretch zeta' (times, n).
     """
-    total = length.sum()
+    total = 0.0
+    for j in range(length.size):
+        total += length[j]
     for i in range(chord.size):
         sag, mean = 0.0, 0.0
         for j in range(length.size):

@@ -92,8 +92,12 @@ def frames(ends, end_accelerations, load, point_loads, reference, mass, boundary
     moving = end_accelerations.shape[1] > 0
     first_point = 3 if moving else 2
     patterns = first_point - 1 + n_points
-    axes = np.zeros((3, 3))  # direction from the upper end to the lower one, first and second normal
-    effective_load, growing_load = np.zeros(3), np.zeros(3)
+    work = np.zeros((5, 3))
+    axes, effective_load, growing_load = (
+        work[:3],
+        work[3],
+        work[4],
+    )  # direction from the upper end to the lower one, both normals
     for i in range(boundary_data.shape[0]):
         for d in range(dims):
             axes[0, d] = ends[d, i] - ends[dims + d, i]

@@ -354,7 +354,7 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     Returns
     -------
     int
-        DONE, or the reason why `trial` is not to be accepted, one of :mod:`_kernels_host_layout`.
+        DONE, or the reason why `trial` is not to be accepted, one of :mod:`cablepod.condensed._kernels_host_layout`.
     """
     status = _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step)
     if status != DONE:

@@ -18,7 +18,7 @@ from cablepod.condensed._kernels_layout import (
 from cablepod.condensed._kernels_terms import _chord_tensions
 
 
-@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monitor):
     """Keep the largest bound of the squared frequency, and the first step where it is too large.
 
@@ -40,7 +40,7 @@ def _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monit
         monitor[largest] = omega_squared if omega_squared > monitor[largest] else monitor[largest]
 
 
-@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _monitor_step(sizes, terms, bounds, rows, at, q, tension, number, monitor):
     """Update the monitor (MONITOR_ROWS, lanes): least chordwise force with its step, largest frequency."""
     lanes, patterns = len(sizes.lanes), len(sizes.patterns)
@@ -59,7 +59,7 @@ def _monitor_step(sizes, terms, bounds, rows, at, q, tension, number, monitor):
     _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monitor)
 
 
-@compiled(fastmath=REORDERED_FUSED, noalias=True, counted=False)
+@compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
 def _update_extremes(sizes, links, rows, at, q, tension):
     """Update the extremes by the tensions of the links to leading order, (H + tau) sqrt(1 + w'^2)."""
     lanes, size, count = len(sizes.lanes), len(sizes.modes), links.low.size

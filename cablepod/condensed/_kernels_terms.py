@@ -11,7 +11,7 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 
 
-@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, counted=False)
+@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _chord_tensions(sizes, terms, rows, at, q, tension):
     """Fill H (lanes) [N] by the closure to leading order, from the integral of zeta' = 1 + N / K - w'^2 / 2 over the length.
 
@@ -30,7 +30,7 @@ def _chord_tensions(sizes, terms, rows, at, q, tension):
             tension[m] += terms.sag_stiffness[m] * terms.kappa[k] * q[k] * q[k]
 
 
-@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, counted=False)
+@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _geometric_forces(sizes, terms, rows, at, tension, x, f):
     """Fill f (r, lanes) with the geometric stiffness H kappa + sum_a g_a G_a times x (r, lanes)."""
     lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
@@ -46,7 +46,7 @@ def _geometric_forces(sizes, terms, rows, at, tension, x, f):
             f[j * lanes + m] = total
 
 
-@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, counted=False)
+@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _forces(sizes, terms, rows, at, q, tension, f):
     """Fill H (lanes) [N] and the undamped accelerations f (r, lanes) = P p - (H kappa + sum_a g_a G_a) q."""
     lanes, size, patterns, normal_loads = (
@@ -65,14 +65,16 @@ def _forces(sizes, terms, rows, at, q, tension, f):
             f[j * lanes + m] = load - f[j * lanes + m]
 
 
-@compiled(counted=False)
+@compiled(noalias=True, literal=False, counted=False)
 def _fill_tangent(terms, rows, at, q, tension, tangent):
     """Fill the negative derivative of the accelerations of one lane by q (r, r): H kappa + g G + K / L0 kappa q (kappa q)^T."""
     size, patterns = q.size, terms.mean_chordwise_forces.size
     for i in range(size):
+        by_sag = 2.0 * terms.sag_stiffness[0] * terms.kappa[i] * q[i]
         for j in range(size):
-            total = 2.0 * terms.sag_stiffness[0] * terms.kappa[i] * q[i] * terms.kappa[j] * q[j]
-            for a in range(patterns):
-                total += rows[at + 1 + a] * terms.geometric_stiffness[(a * size + i) * size + j]
-            tangent[i, j] = total
+            tangent[i, j] = by_sag * terms.kappa[j] * q[j]
+        for a in range(patterns):
+            load = rows[at + 1 + a]
+            for j in range(size):
+                tangent[i, j] += load * terms.geometric_stiffness[(a * size + i) * size + j]
         tangent[i, i] += tension * terms.kappa[i]

@@ -105,7 +105,7 @@ def implicit_scheme(p: Parameters, scheme: str | None, implicit: Sequence[str]) 
     if p.damping_ratios is None:
         return scheme
     if p.free_end is not None:
-        raise ratios_error(p, "none with ends.free, as it needs the line between two held ends")
+        raise ratios_error(p, "none with ends.free, without a line between held ends; try: damping.mass_proportional")
     if scheme is not None and scheme not in implicit:
         names = " or ".join(f'"{name}"' for name in implicit)
         raise ratios_error(p, f'none with scheme "{scheme}"; try: scheme {names}')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cablepod.condensed._fields import link_tensions
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import State
@@ -103,6 +104,4 @@ def positions(model: PeriodicModel, q: np.ndarray, stretch: np.ndarray, phase: n
 
 def tensions(model: PeriodicModel, stretch: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
     """Return tensions (phases, link) [N]."""
-    if model.condensed.order == "leading":
-        return force * np.sqrt(1.0 + squared)
-    return model.condensed.chain.p.stiffness * (np.sqrt(stretch**2 + squared) - 1.0)
+    return link_tensions(model.condensed, stretch, force, squared)

@@ -1,9 +1,9 @@
 """Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by tension or ratios.
 
-The forces of all samples are evaluated together by array expressions.  Without damping by tension or ratios, multipliers follow
-by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D does not factor out and may depend on
-time, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the determinant
-exp(-int tr D dt).
+The forces of order "exact" at all samples are evaluated together by array expressions.  Without damping by tension or ratios,
+multipliers follow by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D does not factor out and
+may depend on time, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the
+determinant exp(-int tr D dt).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.condensed._kernels_layout import RateTerms
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import Solver, Stability, State, basis_at
 
@@ -51,10 +52,6 @@ class GeneralSolver(Solver):
 
     overhead = 2e7
 
-    def __init__(self, model: PeriodicModel) -> None:
-        super().__init__(model)
-        self._boundary_data: dict[tuple[int, int], np.ndarray] = {}
-
     # --- forces -----------------------------------------------------------------------------------------------------
 
     def _forces(self, state: State, phases: int) -> Forces:
@@ -71,21 +68,13 @@ class GeneralSolver(Solver):
 
     def _leading(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "leading", with damping by the tension."""
-        model, n = self.model, q.shape[1]
-        tables = model.tables(len(q), periods)
-        terms, rates = (1.0, omega * model.damping, omega**2), (0.0, model.damping, 2.0 * omega)
-        stiffness, load = tables.stiffness[:, :, :n, :n], tables.load[:, :, :n]
-        linear, change = (np.tensordot(factor, stiffness, 1) for factor in (terms, rates))
-        kappa, beta = model.kappa[:n], model.tension_damping
-        sag = model.sag * (q**2 @ kappa)
-        slopes = kappa * q
-        geometric = linear + np.einsum("m,ij->mij", sag, np.diag(kappa))
-        force = np.tensordot(terms, load, 1) - np.einsum("mij,mj->mi", geometric, q + beta * v)
-        rate = np.tensordot(rates, load, 1) - np.einsum("mij,mj->mi", change, q + beta * v)
-        # the tension depends on the coordinates in the stiffness and, with the rates, in the damping
-        tangent = geometric + 2.0 * model.sag * np.einsum("mi,mj->mij", slopes + beta * kappa * v, slopes)
-        along = np.tensordot(terms, tables.chord_tension, 1) + (q**2 @ kappa)[:, None]
-        return Forces(force, rate, tangent, beta * geometric if beta else None, float(along.min()))
+        from cablepod.periodic._kernels_forces import damped_samples  # numba is imported only to compute
+
+        (phases, n), beta = q.shape, self.model.tension_damping
+        force, rate, tangent, damping = (np.empty((phases, *shape)) for shape in ((n,), (n,), (n, n), (n, n)))
+        forced = self.model.forced(n, phases, periods)
+        least = damped_samples(q, v, omega, forced, RateTerms(beta, np.empty(0)), force, rate, tangent, damping)
+        return Forces(force, rate, tangent, damping if beta else None, least)
 
     def _exact(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "exact": the chordwise stretch of each link by the closure."""
@@ -93,13 +82,10 @@ class GeneralSolver(Solver):
 
         model, condensed, chain = self.model, self.model.condensed, self.model.condensed.chain
         frequency, length, _ = model.scales
-        key, n, k = (len(q), periods), q.shape[1], chain.p.stiffness
-        if key not in self._boundary_data:
-            phase = 2.0 * np.pi * periods / len(q) * np.arange(len(q))
-            self._boundary_data[key] = model.boundary_data(phase)
-        parts, si, damping = self._boundary_data[key], omega * frequency, float(chain.p.damping)
-        data = parts[0] + si * damping * parts[1] + si**2 * parts[2]
-        change = (damping * parts[1] + 2.0 * si * parts[2]) * frequency
+        n, k = q.shape[1], chain.p.stiffness
+        rows, damping = model.rows(len(q), periods), model.damping
+        data = rows[0] + omega * damping * rows[1] + omega**2 * rows[2]
+        change = damping * rows[1] + 2.0 * omega * rows[2]
         patterns = len(condensed.load_patterns)
         tau, tau_rate = (part[:, 1 : 1 + patterns] @ condensed.chordwise_force_patterns for part in (data, change))
         slopes = [np.diff(shapes, axis=1) / chain.length for shapes in model.sets]

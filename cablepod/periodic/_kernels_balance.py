@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
+from cablepod.periodic._kernels_forces import leading_samples
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 12
@@ -66,56 +67,6 @@ def substitute(matrix, pivots, x):
 
 
 @compiled(fastmath=REORDERED_FUSED)
-def leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, force, force_rate, tangent):
-    """Evaluate the forces of order "leading" at the samples of a period.
-
-    Parameters
-    ----------
-    z
-        Unknowns ((1 + 2 H) n + 1,).
-    basis
-        Values of the harmonics at the samples (N, columns), see :func:`cablepod.periodic._model.harmonics_at`.
-    stiffness, load
-        Linear stiffness S (3, M, n, n) and load p (3, M, n) at M = N stride phases: the sums of the three with the factors 1,
-        omega damping and omega^2 are those at omega.
-    kappa, sag
-        Squared slope norms (n,), and the factor of (kappa . q^2) kappa q.
-    damping
-        Mass-proportional damping.
-    stride
-        Number of phases of the tables for each sample.
-    force, force_rate, tangent
-        Filled: forces (N, n), their derivative by omega (N, n), their negative derivative by q (N, n, n).
-    """
-    samples, n = force.shape
-    omega = z[-1]
-    first, second = omega * damping, omega * omega
-    first_rate, second_rate = damping, 2.0 * omega
-    columns = (z.size - 1) // n
-    q = np.empty(n)
-    for j in range(samples):
-        k = j * stride
-        for a in range(n):
-            q[a] = 0.0
-        for c in range(columns):
-            for a in range(n):
-                q[a] += basis[j, c] * z[c * n + a]
-        square = 0.0
-        for a in range(n):
-            square += kappa[a] * q[a] * q[a]
-        for a in range(n):
-            total = load[0, k, a] + first * load[1, k, a] + second * load[2, k, a] - sag * square * kappa[a] * q[a]
-            rate = first_rate * load[1, k, a] + second_rate * load[2, k, a]
-            for b in range(n):
-                linear = stiffness[0, k, a, b] + first * stiffness[1, k, a, b] + second * stiffness[2, k, a, b]
-                total -= linear * q[b]
-                rate -= (first_rate * stiffness[1, k, a, b] + second_rate * stiffness[2, k, a, b]) * q[b]
-                tangent[j, a, b] = linear + 2.0 * sag * kappa[a] * q[a] * kappa[b] * q[b]
-            tangent[j, a, a] += sag * square * kappa[a]
-            force[j, a], force_rate[j, a] = total, rate
-
-
-@compiled(fastmath=REORDERED_FUSED)
 def harmonic_blocks(mean, count, odd, matrix):
     """Fill the action of a periodic matrix on harmonics: rows of harmonics, times harmonics, over a period.
 
@@ -157,9 +108,10 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
     Parameters
     ----------
     z, basis, damping, periods
-        As in :func:`leading_samples`; `periods` is the number of periods of the forcing in one of the motion.
+        As in :func:`cablepod.periodic._kernels_forces.leading_samples`; damping by mass; number of periods of the forcing in one
+        of the motion.
     force, force_rate, tangent
-        Filled by :func:`leading_samples`.
+        Filled by :func:`cablepod.periodic._kernels_forces.leading_samples`.
     residual, rate, jacobian
         Filled: acceleration and damping less the force, harmonic by harmonic ((1 + 2 H) n,), its derivative by omega, its
         derivative by X.
@@ -200,9 +152,7 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
 
 
 @compiled(literal=False)
-def correct(
-    z, active, direction, target, basis, stiffness, load, kappa, sag, damping, periods, stride, samples, tangent_vector
-):
+def correct(z, active, direction, target, basis, forced, periods, stride, samples, tangent_vector):
     """Solve the harmonic balance by Newton's method, with the condition direction . z[active] = target.
 
     Parameters
@@ -213,8 +163,8 @@ def correct(
         Numbers of the unknowns that change, omega the last of them; all others stay.
     direction, target
         The linear condition (active,), and its value.
-    basis, stiffness, load, kappa, sag, damping, periods, stride
-        As in :func:`leading_samples` and :func:`balance`.
+    basis, forced, periods, stride
+        As in :func:`cablepod.periodic._kernels_forces.leading_samples` and :func:`balance`.
     samples
         Number of samples N.
     tangent_vector
@@ -225,15 +175,15 @@ def correct(
     int
         Number of iterations; -1 where Newton's method fails.
     """
-    n, unknowns = kappa.size, z.size - 1
+    n, unknowns = forced.terms.kappa.size, z.size - 1
     force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
     residual, rate, jacobian = np.empty(unknowns), np.empty(unknowns), np.empty((unknowns, unknowns))
     m = active.size
     matrix, x, pivots = np.empty((m, m)), np.empty(m), np.empty(m, np.int64)
     before = np.inf
     for iteration in range(MAX_ITERATIONS):
-        leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, force, force_rate, tangent)
-        balance(z, basis, damping, periods, force, force_rate, tangent, residual, rate, jacobian)
+        leading_samples(z, basis, forced, stride, force, force_rate, tangent)
+        balance(z, basis, forced.damping, periods, force, force_rate, tangent, residual, rate, jacobian)
         largest, condition = 1.0, target
         for i in range(m - 1):
             row = active[i]
@@ -272,9 +222,10 @@ def correct(
 
 
 @compiled
-def jacobian_of(z, basis, stiffness, load, kappa, sag, damping, periods, stride, samples, jacobian):
+def jacobian_of(z, basis, forced, periods, stride, samples, jacobian):
     """Fill the derivative of the residual by X ((1 + 2 H) n, the same) at a solution."""
-    n, unknowns = kappa.size, z.size - 1
+    n, unknowns = forced.terms.kappa.size, z.size - 1
     force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
-    leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, force, force_rate, tangent)
-    balance(z, basis, damping, periods, force, force_rate, tangent, np.empty(unknowns), np.empty(unknowns), jacobian)
+    leading_samples(z, basis, forced, stride, force, force_rate, tangent)
+    residual, rate = np.empty(unknowns), np.empty(unknowns)
+    balance(z, basis, forced.damping, periods, force, force_rate, tangent, residual, rate, jacobian)

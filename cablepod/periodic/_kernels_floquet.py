@@ -7,52 +7,11 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
+from cablepod.periodic._kernels_forces import leading_samples
 
 #: Maximum number of iterations of the QR algorithm for one eigenvalue.
 MAX_QR_ITERATIONS = 60
 ROUNDING = 2.0**-52
-
-
-@compiled(fastmath=REORDERED_FUSED)
-def tangents_along(z, basis, stiffness, kappa, sag, damping, tangent, chord_tension):
-    """Fill the negative derivative of the forces (M, n, n) along an orbit; return the smallest chordwise force.
-
-    Parameters
-    ----------
-    z, basis, stiffness, kappa, sag, damping
-        As in :func:`cablepod.periodic._kernels_balance.leading_samples`, with the basis at all M phases (M, columns).
-    tangent
-        Filled (M, n, n).
-    chord_tension
-        Chordwise force without deflection where it may be least (3, M, candidates), in units in which that of a deflection is
-        kappa . q^2.
-    """
-    phases, n = tangent.shape[:2]
-    omega = z[-1]
-    first, second = omega * damping, omega * omega
-    columns = (z.size - 1) // n
-    q = np.empty(n)
-    least = np.inf
-    for k in range(phases):
-        for a in range(n):
-            q[a] = 0.0
-        for c in range(columns):
-            for a in range(n):
-                q[a] += basis[k, c] * z[c * n + a]
-        square = 0.0
-        for a in range(n):
-            square += kappa[a] * q[a] * q[a]
-        for a in range(n):
-            for b in range(n):
-                tangent[k, a, b] = (
-                    stiffness[0, k, a, b] + first * stiffness[1, k, a, b] + second * stiffness[2, k, a, b]
-                    + 2.0 * sag * kappa[a] * q[a] * kappa[b] * q[b]
-                )  # fmt: skip
-            tangent[k, a, a] += sag * square * kappa[a]
-        for c in range(chord_tension.shape[2]):
-            along = chord_tension[0, k, c] + first * chord_tension[1, k, c] + second * chord_tension[2, k, c]
-            least = min(least, along + square)
-    return least
 
 
 @compiled(fastmath=REORDERED_FUSED)
@@ -257,23 +216,24 @@ def eigenvalues(a, real, imag):
 
 
 @compiled(literal=False)
-def multipliers(z, basis, stiffness, chord_tension, kappa, sag, damping, periods, split, real, imag, least):
+def multipliers(z, basis, forced, periods, split, real, imag, least):
     """Fill the Floquet multipliers of an orbit, of the coordinates before `split` first; False where QR fails.
 
     Parameters
     ----------
-    z, basis, stiffness, chord_tension, kappa, sag, damping, periods
-        As in :func:`tangents_along` and :func:`cablepod.periodic._kernels_balance.balance`.
+    z, basis, forced, periods
+        As in :func:`cablepod.periodic._kernels_forces.leading_samples`, with the basis at all M phases, and
+        :func:`cablepod.periodic._kernels_balance.balance`.
     split
         Number of coordinates of the first set, which does not couple with the second; all for one set.
     real, imag
         Filled: (2 r,).
     least
-        Filled: (1,), smallest chordwise force, see :func:`tangents_along`.
+        Filled: (1,), smallest chordwise force.
     """
-    phases, r = stiffness.shape[1], stiffness.shape[2]
+    phases, r, damping = forced.rows.shape[1], forced.terms.kappa.size, forced.damping
     tangent = np.empty((phases, r, r))
-    least[0] = tangents_along(z, basis, stiffness, kappa, sag, damping, tangent, chord_tension)
+    least[0] = leading_samples(z, basis, forced, 1, np.empty((0, r)), np.empty((0, r)), tangent)
     duration = 2.0 * math.pi * periods / z[-1]
     decay = math.exp(-0.5 * damping * duration)
     good = True

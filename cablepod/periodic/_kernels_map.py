@@ -13,10 +13,10 @@ from cablepod.periodic._kernels_balance import (
     balance,
     correct,
     factorise,
-    leading_samples,
     substitute,
 )
 from cablepod.periodic._kernels_floquet import multipliers
+from cablepod.periodic._kernels_forces import _at_amplitude, leading_samples
 
 #: Kinds of the fastest growth of one set of coordinates.
 STABLE, ABOVE_ONE, BELOW_MINUS_ONE, COMPLEX, FAILED = 0, 1, 2, 3, 4
@@ -64,45 +64,27 @@ def _tail(z, n):
 
 
 @compiled
-def _solve_at(z, omega, basis, stiffness, load, kappa, sag, damping, stride, samples, n, active, direction, tangent):
+def _solve_at(z, omega, basis, forced, stride, samples, active, direction, tangent):
     """Change z into the orbit at a frequency; False where Newton's method fails."""
     z[-1] = omega
-    return (
-        correct(
-            z, active, direction, omega, basis, stiffness, load, kappa[:n], sag, damping, 1, stride, samples, tangent
-        ) > 0
-    )  # fmt: skip
+    return correct(z, active, direction, omega, basis, forced, 1, stride, samples, tangent) > 0
 
 
 @compiled(fastmath=REORDERED_FUSED)
-def _residual(z, n, basis, stiffness, load, kappa, sag, damping, stride, samples, residual):
+def _residual(z, basis, forced, stride, force, residual):
     """Fill the residual of all harmonics at the frequency of z, as `leading_samples` and `balance` do, without derivatives."""
-    omega = z[-1]
-    first, second = omega * damping, omega * omega
+    (samples, n), omega, damping = force.shape, z[-1], forced.damping
     columns = (z.size - 1) // n
-    q, force = np.empty(n), np.empty(n)
-    residual[:] = 0.0
+    leading_samples(z, basis, forced, stride, force, np.empty((0, n)), np.empty((0, n, n)))
+    for i in range(residual.size):
+        residual[i] = 0.0
     for j in range(samples):
-        k = j * stride
         for a in range(n):
-            q[a] = 0.0
-        for c in range(columns):
-            for a in range(n):
-                q[a] += basis[j, c] * z[c * n + a]
-        square = 0.0
-        for a in range(n):
-            square += kappa[a] * q[a] * q[a]
-        for a in range(n):
-            total = load[0, k, a] + first * load[1, k, a] + second * load[2, k, a] - sag * square * kappa[a] * q[a]
-            for b in range(n):
-                linear = stiffness[0, k, a, b] + first * stiffness[1, k, a, b] + second * stiffness[2, k, a, b]
-                total -= linear * q[b]
-            force[a] = total * 2.0 / samples
-        for a in range(n):
-            residual[a] -= 0.5 * force[a]
+            force[j, a] *= 2.0 / samples
+            residual[a] -= 0.5 * force[j, a]
         for c in range(1, columns):
             for a in range(n):
-                residual[c * n + a] -= basis[j, c] * force[a]
+                residual[c * n + a] -= basis[j, c] * force[j, a]
     for i in range(1, columns // 2 + 1):
         frequency = i * omega
         for a in range(n):
@@ -112,16 +94,14 @@ def _residual(z, n, basis, stiffness, load, kappa, sag, damping, stride, samples
 
 
 @compiled
-def _solve_again(
-    z, omega, basis, stiffness, load, kappa, sag, damping, stride, samples, n, work, factors, pivots, known
-):
+def _solve_again(z, omega, basis, forced, stride, work, factors, pivots, known):
     """Change z into the orbit at a frequency; return whether there is one, and whether `factors` are of a matrix nearby.
 
     Newton's method with the factors of an earlier matrix while they make corrections fall fast.
 
     Parameters
     ----------
-    z ... n
+    z, omega, basis, forced, stride
         As in :func:`_solve_at`.
     work
         Arrays that are overwritten: forces (N, n), their rates, tangents (N, n, n), residual, its rate.
@@ -136,14 +116,12 @@ def _solve_again(
     before, anew = np.inf, not known
     for iteration in range(2 * MAX_ITERATIONS):
         if anew:
-            leading_samples(
-                z, basis, stiffness, load, kappa[:n], sag, damping, stride, force, force_rate, tangent
-            )  # fmt: skip
-            balance(z, basis, damping, 1, force, force_rate, tangent, residual, rate, factors)
+            leading_samples(z, basis, forced, stride, force, force_rate, tangent)
+            balance(z, basis, forced.damping, 1, force, force_rate, tangent, residual, rate, factors)
             if not factorise(factors, pivots):
                 return False, False
         else:
-            _residual(z, n, basis, stiffness, load, kappa, sag, damping, stride, samples, residual)
+            _residual(z, basis, forced, stride, force, residual)
         substitute(factors, pivots, residual)
         change, largest = 0.0, 1.0
         for i in range(unknowns):
@@ -210,8 +188,8 @@ def _largest_deflection(z, n, n_in_plane, basis, shapes):
 
 @compiled
 def map_columns(
-    begin, end, omega, equal, rest, load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, shapes, split, basis,
-    phases_basis, stride, samples, orbits, growth, kind, response, least, tail,
+    begin, end, omega, equal, rest, of_orbit, of_all, shapes, split, basis, phases_basis, stride, samples, orbits, growth, kind,
+    response, least, tail,
 ):  # fmt: skip
     """Follow orbits from rest over all amplitudes, at the frequencies `begin` ... `end` - 1.
 
@@ -223,20 +201,18 @@ def map_columns(
         Whether the last four amplitudes differ by equal steps, from each amplitude on (amplitudes,).
     rest
         Coefficients at rest ((1 + 2 H) n,).
-    load_stiffness
-        Linear stiffness of the n coordinates of the orbit, for each amplitude (amplitudes, 3, M, n, n).
-    stiffness, load, chord_tension, kappa, sag
-        Of all r coordinates, of those of the orbit, and of all, for each amplitude: (amplitudes, 3, M, r, r),
-        (amplitudes, 3, M, n), (amplitudes, 3, M, candidates), (amplitudes, r), (amplitudes,).
-    damping, shapes, split
-        Mass-proportional damping; shapes of the n coordinates (n, particles) [m]; number of coordinates of the first set.
+    of_orbit, of_all
+        Terms and boundary data for the n coordinates of the orbit and for all r, see
+        :class:`cablepod.periodic._kernels_layout.Forced`; amplitudes are the first dimension of their arrays.
+    shapes, split
+        Shapes of the n coordinates (n, particles) [m]; number of coordinates of the first set.
     basis, phases_basis, stride, samples
-        See :func:`cablepod.periodic._kernels_balance.leading_samples` and :func:`multipliers`.
+        See :func:`cablepod.periodic._kernels_forces.leading_samples` and :func:`multipliers`.
     orbits, growth, kind, response, least, tail
         Filled: unknowns (amplitudes, columns, ...), growth rates and kinds of the sets (2, amplitudes, columns), largest
         deflections [m], smallest chordwise forces, shares of the last two harmonics (amplitudes, columns).
     """
-    n, r = load.shape[3], stiffness.shape[3]
+    n, r = of_orbit.terms.kappa.shape[1], of_all.terms.kappa.shape[1]
     unknowns = rest.size + 1
     z, last, full = np.empty(unknowns), np.empty(unknowns), np.empty((rest.size // n) * r + 1)
     work = (
@@ -248,8 +224,8 @@ def map_columns(
     for f in range(begin, end):
         good, known = 0, False  # number of successive solutions; whether there is a last one
         factored = False  # whether factors are those of a matrix nearby
-        for a in range(sag.size):
-            solved = False
+        for a in range(of_all.rows.shape[0]):
+            forced, solved = _at_amplitude(of_orbit, a), False
             for attempt in range(
                 4 + SIZES * TURNS
             ):  # along the last three or two orbits, from the last one, from rest, from others
@@ -270,9 +246,8 @@ def map_columns(
                 else:
                     continue
                 solved, factored = _solve_again(
-                    z, omega[f], basis, load_stiffness[a], load[a], kappa[a], sag[a], damping, stride, samples, n,
-                    work, factors, pivots, factored and attempt < 3,
-                )  # fmt: skip
+                    z, omega[f], basis, forced, stride, work, factors, pivots, factored and attempt < 3
+                )
                 if solved:
                     break
             if not solved:
@@ -287,10 +262,7 @@ def map_columns(
                 orbits[a, f, k], last[k] = z[k], z[k]
             tail[a, f] = _tail(z, n)
             _embed(z, n, r, full)
-            multipliers(
-                full, phases_basis, stiffness[a], chord_tension[a], kappa[a], sag[a], damping, 1, split, real, imag,
-                smallest,
-            )  # fmt: skip
+            multipliers(full, phases_basis, _at_amplitude(of_all, a), 1, split, real, imag, smallest)
             duration = 2.0 * math.pi / omega[f]
             growth[0, a, f], kind[0, a, f] = growth_of(real[: 2 * split], imag[: 2 * split], duration)
             if r > split:
@@ -313,10 +285,7 @@ def signed_stability(kind, real, imag, duration):
 
 
 @compiled
-def refine_edge(
-    kind, first, second, begin, end, load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, split, basis,
-    phases_basis, stride, samples,
-):  # fmt: skip
+def refine_edge(kind, first, second, begin, end, a, of_orbit, of_all, split, basis, phases_basis, stride, samples):
     """Return the angular frequency between two orbits at which multipliers of one set cross the unit circle; nan for none.
 
     Parameters
@@ -327,10 +296,13 @@ def refine_edge(
         Unknowns of the two orbits.
     begin, end
         Multipliers of the set.
-    load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, split, basis, phases_basis, stride, samples
-        As in :func:`map_columns`, of one amplitude.
+    a
+        Number of the amplitude.
+    of_orbit, of_all, split, basis, phases_basis, stride, samples
+        As in :func:`map_columns`.
     """
-    n, r = load.shape[2], stiffness.shape[2]
+    n, r = of_orbit.terms.kappa.shape[1], of_all.terms.kappa.shape[1]
+    forced, forced_all = _at_amplitude(of_orbit, a), _at_amplitude(of_all, a)
     unknowns = first.size
     active, direction, tangent = np.arange(unknowns), np.zeros(unknowns), np.empty(unknowns)
     direction[-1] = 1.0
@@ -348,14 +320,10 @@ def refine_edge(
         for k in range(unknowns):
             z[k] = first[k] + share * (second[k] - first[k])
         omega = z[-1]
-        if not _solve_at(
-            z, omega, basis, load_stiffness, load, kappa, sag, damping, stride, samples, n, active, direction, tangent
-        ):
+        if not _solve_at(z, omega, basis, forced, stride, samples, active, direction, tangent):
             return np.nan
         _embed(z, n, r, full)
-        multipliers(
-            full, phases_basis, stiffness, chord_tension, kappa, sag, damping, 1, split, real, imag, smallest
-        )  # fmt: skip
+        multipliers(full, phases_basis, forced_all, 1, split, real, imag, smallest)
         value = signed_stability(kind, real[begin:end], imag[begin:end], 2.0 * math.pi / omega)
         if evaluation == 0:
             value_low = value

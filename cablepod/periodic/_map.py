@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
+from cablepod.condensed._kernels_layout import LeadingTerms
+from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import MAX_HARMONICS, MAX_PHASE_STEP, MAX_PHASES, MIN_STRIDE
 
 #: Number of harmonics of the first map, and share of the last two in the motion above which a column is computed with more.
 HARMONICS, TAIL_RTOL = 5, 1e-5
-#: Largest size of the tables of all amplitudes [bytes].
+#: Largest size of the boundary data of all amplitudes [bytes].
 MAX_BYTES = 3e8
 #: Number of columns that a thread takes at once.
 COLUMNS = 4
@@ -43,24 +44,12 @@ class MapResult(NamedTuple):
         return cls(growth, kind, response, force, tail, {}, np.zeros(shape, dtype=bool))
 
 
-@dataclass(eq=False)
-class _Batch:
-    """Arrays of all amplitudes for some number of harmonics and steps."""
-
-    stiffness: np.ndarray
-    plane: np.ndarray
-    load: np.ndarray
-    chord_tension: np.ndarray
-
-    @classmethod
-    def of(cls, models: list[PeriodicModel], phases: int, n: int) -> _Batch:
-        tables = [model.tables(phases, 1) for model in models]
-        for model in models:
-            model._tables.clear()
-        stiffness = np.stack([table.stiffness for table in tables])
-        plane = stiffness if n == stiffness.shape[-1] else np.ascontiguousarray(stiffness[..., :n, :n])
-        load = np.ascontiguousarray(np.stack([table.load for table in tables])[..., :n])
-        return cls(stiffness, plane, load, np.stack([table.chord_tension for table in tables]))
+def _stacked(models: list[PeriodicModel], n: int, phases: int) -> Forced:
+    """Return terms and forcing of the first n coordinates of all amplitudes, these first."""
+    parts = [model.forced(n, phases, 1) for model in models]
+    terms = LeadingTerms(*map(np.stack, zip(*(part.terms for part in parts), strict=True)))
+    candidates, rows = (np.stack([getattr(part, name) for part in parts]) for name in ("candidates", "rows"))
+    return Forced(terms, candidates, rows, parts[0].damping)
 
 
 def compute_map(
@@ -82,11 +71,10 @@ def compute_map(
     split = base.n_in_plane if base.is_planar else base.size
     scaled = omega / frequency_scale
     base.check_period(2.0 * np.pi / scaled[0])
-    kappa = np.stack([model.kappa for model in models])
-    sag = np.array([model.sag for model in models])
     equal = _equal_steps(amplitudes)
     shapes = np.concatenate(base.sets)[:n] * length_scale
-    most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * base.size**2)))
+    columns_of_rows = base.rows(1, 1).shape[2]
+    most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * columns_of_rows)))
     todo, harmonics = np.arange(omega.size), HARMONICS
     while todo.size:
         samples = 4 * harmonics + 4
@@ -97,7 +85,9 @@ def compute_map(
             if columns[-1] + 1 in todo:  # with other steps; here for the edge before it alone
                 columns, own = np.append(columns, columns[-1] + 1), np.append(own, False)
             phases = samples * int(stride)
-            batch = _Batch.of(models, phases, n)
+            of_orbit, of_all = (_stacked(models, size, phases) for size in (n, base.size))
+            for model in models:
+                model.forget_rows()
             basis, phases_basis = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics)
             rest = np.zeros((1 + 2 * harmonics, n))
             rest[0] = base.rest[:n] / length_scale
@@ -110,15 +100,15 @@ def compute_map(
             computed = np.zeros(columns.size, dtype=bool)
 
             def do(
-                begin: int, columns: np.ndarray = columns, batch: _Batch = batch, rest: np.ndarray = rest,
+                begin: int, columns: np.ndarray = columns, of_orbit: Forced = of_orbit,
+                of_all: Forced = of_all, rest: np.ndarray = rest,
                 basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
                 samples: int = samples, orbits: np.ndarray = orbits, parts: list = parts, more: list = more,
                 computed: np.ndarray = computed,
             ) -> None:  # fmt: skip
                 kernel.map_columns(
-                    begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), batch.plane,
-                    batch.stiffness, batch.load, batch.chord_tension, kappa, sag, base.damping, shapes, split, basis,
-                    phases_basis, stride, samples, orbits, *parts, *more,
+                    begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), of_orbit,
+                    of_all, shapes, split, basis, phases_basis, stride, samples, orbits, *parts, *more,
                 )  # fmt: skip
                 computed[begin : begin + COLUMNS] = True
 
@@ -154,15 +144,14 @@ def compute_map(
             ]
 
             def refine(
-                place: tuple[int, int, int, int], orbits: np.ndarray = orbits, batch: _Batch = batch,
-                basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
-                samples: int = samples, columns: np.ndarray = columns,
+                place: tuple[int, int, int, int], orbits: np.ndarray = orbits, of_orbit: Forced = of_orbit,
+                of_all: Forced = of_all, basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis,
+                stride: int = int(stride), samples: int = samples, columns: np.ndarray = columns,
             ) -> None:  # fmt: skip
                 k, a, f, kind = place
                 value = kernel.refine_edge(
                     kind, orbits[a, f], orbits[a, f + 1], *((0, 2 * split) if k == 0 else (2 * split, 2 * base.size)),
-                    batch.plane[a], batch.stiffness[a], batch.load[a], batch.chord_tension[a], kappa[a], sag[a],
-                    base.damping, split, basis, phases_basis, stride, samples,
+                    a, of_orbit, of_all, split, basis, phases_basis, stride, samples,
                 )  # fmt: skip
                 if np.isfinite(value):
                     result.edges[(k, a, int(columns[f]))] = (value * frequency_scale, kind)

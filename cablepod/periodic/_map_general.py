@@ -44,7 +44,7 @@ def compute_general_map(
             result.finished[a, f] = True
             progress((a * omega.size + f + 1) / result.response.size)
         _add_edges(solver, now, result, a)
-        model._tables.clear()
+        model.forget_rows()
 
 
 def _found(solver: Solver, omega: float, known: list[State], last: State | None) -> State | None:

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from cablepod.chain._start import rest_shape
 from cablepod.condensed._assembly import unit_of
+from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model
+from cablepod.condensed._terms import terms_of_lane
 from cablepod.condensed._vibration import RestTangent, vibrations
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
+from cablepod.periodic._kernels_layout import Forced
 
 #: Orders of the condensed model that have periodic responses.
 ORDERS = ("leading", "exact")
@@ -32,14 +34,6 @@ MISSING_SAG = 0.05
 MODES_WITH_SAG = "modes that hold it: of condensed.vibration_modes with static_modes=True, of snapshots, or more"
 #: Loads out of the plane over those in it, below which they are rounding.
 PLANAR_RTOL = 1e-12
-
-
-class Tables(NamedTuple):
-    """Forcing at M equidistant phases, as three terms with the factors 1, omega times damping and omega squared."""
-
-    stiffness: np.ndarray  #: linear stiffness (3, M, r, r)
-    load: np.ndarray  #: (3, M, r)
-    chord_tension: np.ndarray  #: chordwise force without deflection where it may be least (3, M, candidates)
 
 
 def harmonics_at(phases: int, harmonics: int) -> np.ndarray:
@@ -62,7 +56,8 @@ class PeriodicModel:
     unit: CondensedModel  #: of a cable of unit mass and length
     out_of_plane: bool  #: whether a planar scene has coordinates out of the plane
     forcing: Forcing
-    _tables: dict[tuple[int, int], Tables] = field(default_factory=dict, repr=False)
+    _rows: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, repr=False)
+    _terms: dict[int, LeadingTerms] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -239,12 +234,32 @@ class PeriodicModel:
     @cached_property
     def tangent_at_rest(self) -> np.ndarray:
         """Stiffness at rest (r, r) [1/s^2], to leading order."""
-        chain, data = self.condensed.chain, self.condensed.static_boundary_data
-        h, g, _ = self._split(data[None])
-        q, kappa, stretching = self.rest, self.kappa_si, 0.5 * chain.p.stiffness / chain.total_length
-        stiffness = np.diag((h[0] + stretching * (kappa @ q**2)) * kappa)
-        stiffness = stiffness + np.einsum("a,aij->ij", g[0], self.geometric_stiffness)
-        return stiffness + 2.0 * stretching * np.outer(kappa * q, kappa * q)
+        from cablepod.condensed._kernels_leading import leading_force  # numba is imported only to compute
+
+        tangent = np.empty((self.size, self.size))
+        leading_force(
+            self._terms_si, self.condensed.static_boundary_data, self.rest, np.empty(self.size), tangent, np.empty(1)
+        )
+        return tangent
+
+    @cached_property
+    def _terms_si(self) -> LeadingTerms:
+        """Terms of all coordinates, in SI units."""
+        chain = self.condensed.chain
+        return terms_of_lane(
+            chain.p.stiffness, chain.total_length, self.kappa_si, self.condensed.mean_chordwise_forces,
+            self.geometric_stiffness, self.load_projection,
+        )  # fmt: skip
+
+    def terms(self, n: int) -> LeadingTerms:
+        """Return the terms of the first n coordinates without dimension; H is over `force_scale`."""
+        omega, length, _ = self.scales
+        si, force, geometric, load = self._terms_si, self.force_scale, self.geometric_stiffness, self.load_projection
+        return LeadingTerms(
+            si.stiffness / force, si.inverse_length, np.array([self.sag]), self.kappa[:n].copy(),
+            si.mean_chordwise_forces / force, np.ravel(geometric[:, :n, :n] / omega**2),
+            np.ravel(load[:, :n] / (length * omega**2)),
+        )  # fmt: skip
 
     @cached_property
     def kappa(self) -> np.ndarray:
@@ -258,11 +273,10 @@ class PeriodicModel:
         chain = self.condensed.chain
         return 0.5 * chain.p.stiffness / chain.total_length * (kappa * length / omega) ** 2
 
-    @cached_property
+    @property
     def force_scale(self) -> float:
-        """Chordwise force of a coordinate of one [N]."""
-        chain = self.condensed.chain
-        return 0.5 * chain.p.stiffness / chain.total_length * self.scales[2] * self.scales[1] ** 2
+        """Chordwise force of one without dimension [N]."""
+        return self.scales[0] ** 2 / self.scales[2]
 
     @cached_property
     def damping(self) -> float:
@@ -349,18 +363,12 @@ class PeriodicModel:
         """Whether the forcing stays in the plane, so that motion out of it is a matter of stability."""
         if self.size == self.n_in_plane:
             return True
-        load = np.abs(self.tables(64, 1).load)
+        normal = self.rows(64, 1)[..., -len(self.load_projection) :]
+        load = np.abs(normal @ self.load_projection)
         inside, outside = load[..., : self.n_in_plane].max(), load[..., self.n_in_plane :].max()
         return bool(outside <= PLANAR_RTOL * max(inside, 1e-300)) or not outside
 
     # --- forcing --------------------------------------------------------------------------------------------------------
-
-    def _split(self, data: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Split boundary data (times, columns) into H without deflection [N], loads along the chord, loads normal to it."""
-        chain, patterns = self.condensed.chain, len(self.condensed.load_patterns)
-        g = data[:, 1 : 1 + patterns]
-        h = chain.p.stiffness * (data[:, 0] / chain.total_length - 1.0) - g @ self.condensed.mean_chordwise_forces
-        return h, g, data[:, 1 + patterns :]
 
     def boundary_data(self, phase: np.ndarray) -> np.ndarray:
         """Return boundary data (3, phases, columns) as terms with the factors 1, omega times damping, omega squared."""
@@ -376,24 +384,22 @@ class PeriodicModel:
             parts.append(self.condensed._project_loads(ends, rates, phase, 0, 0.0) - parts[0])
         return np.stack(parts)
 
-    def tables(self, phases: int, periods: int) -> Tables:
-        """Return the forcing at equidistant phases of `periods` periods of it."""
+    def rows(self, phases: int, periods: int) -> np.ndarray:
+        """Return the boundary data at equidistant phases of `periods` periods of the forcing, see :class:`Forced`."""
         key = (phases, periods)
-        if key not in self._tables:
-            omega, length, _ = self.scales
-            data = self.boundary_data(2.0 * np.pi * periods / phases * np.arange(phases))
-            stiffness, load, tension = [], [], []
-            for k, part in enumerate(data):
-                h, g, normal = self._split(part)
-                if k:  # the distance of the ends belongs to the first term only
-                    h = -g @ self.condensed.mean_chordwise_forces
-                matrix = h[:, None, None] * np.diag(self.kappa_si) + np.einsum(
-                    "ma,aij->mij", g, self.geometric_stiffness
-                )
-                unit = omega**-2 if k == 0 else 1.0  # the other terms are multiplied by frequencies without dimension
-                stiffness.append(matrix * unit)
-                load.append(normal @ self.load_projection / length * unit)
-                along = h[:, None] + g @ self.condensed.chordwise_forces_at_candidates
-                tension.append(along * unit * omega**2 / self.force_scale)
-            self._tables[key] = Tables(*(np.ascontiguousarray(np.stack(part)) for part in (stiffness, load, tension)))
-        return self._tables[key]
+        if key not in self._rows:
+            rows = self.boundary_data(2.0 * np.pi * periods / phases * np.arange(phases))
+            rows[1:] *= self.scales[0] ** 2  # factors are of frequencies without dimension
+            self._rows[key] = np.ascontiguousarray(rows)
+        return self._rows[key]
+
+    def forced(self, n: int, phases: int, periods: int) -> Forced:
+        """Return terms of the first n coordinates and the boundary data at equidistant phases."""
+        if n not in self._terms:
+            self._terms[n] = self.terms(n)
+        candidates = self.condensed.chordwise_forces_at_candidates / self.force_scale
+        return Forced(self._terms[n], candidates, self.rows(phases, periods), self.damping)
+
+    def forget_rows(self) -> None:
+        """Free the boundary data of all phases."""
+        self._rows.clear()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 
 #: Least and largest number of harmonics of one period of the forcing where it is adapted, and its change.
@@ -149,19 +150,10 @@ class Solver:
         #: Unknowns cubed of all linear systems so far, with the overhead of calls
         self.work = 0.0
         self.balance, self.floquet = _kernels_balance, _kernels_floquet
-        self._planar: dict[tuple[int, int], tuple[np.ndarray, ...]] = {}
 
-    def arguments(self, state: State, stride: int) -> tuple:
-        """Return the arguments of kernels from the linear stiffness to the damping."""
-        model, n = self.model, state.size
-        key = ((4 * state.harmonics + 4) * stride, state.periods)
-        tables = model.tables(*key)
-        if n == model.size:
-            return tables.stiffness, tables.load, model.kappa, model.sag, model.damping
-        if key not in self._planar:
-            parts = (tables.stiffness[:, :, :n, :n], tables.load[:, :, :n])
-            self._planar[key] = tuple(np.ascontiguousarray(part) for part in parts)
-        return (*self._planar[key], np.ascontiguousarray(model.kappa[:n]), model.sag, model.damping)
+    def forced(self, state: State, stride: int) -> Forced:
+        """Return terms and forcing of the coordinates of a state, at `stride` phases for each sample."""
+        return self.model.forced(state.size, (4 * state.harmonics + 4) * stride, state.periods)
 
     def correct(
         self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
@@ -181,7 +173,7 @@ class Solver:
         samples, basis, _ = bases(state, stride)
         iterations = self.balance.correct(
             z, np.arange(z.size) if active is None else active, direction, target, basis,
-            *self.arguments(state, stride), state.periods, stride, samples, tangent,
+            self.forced(state, stride), state.periods, stride, samples, tangent,
         )  # fmt: skip
         self.work += self.overhead + abs(iterations) * direction.size**3
         return replace(state, z=z), tangent, iterations
@@ -190,16 +182,18 @@ class Solver:
         self, state: State, direction: np.ndarray, target: float, active: np.ndarray, stride: int
     ) -> tuple[State, np.ndarray, int]:
         """Do :meth:`correct` with the factors of LAPACK, which are faster than compiled loops for many unknowns."""
+        from cablepod.periodic._kernels_forces import leading_samples  # numba is imported only to compute
+
         kernel, n, size = self.balance, state.size, state.z.size - 1
         samples, basis, _ = bases(state, stride)
-        arguments = self.arguments(state, stride)
+        forced = self.forced(state, stride)
         force, rates, tangents = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
         residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
 
         def balance(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            kernel.leading_samples(state.z, basis, *arguments, stride, force, rates, tangents)
+            leading_samples(state.z, basis, forced, stride, force, rates, tangents)
             kernel.balance(
-                state.z, basis, arguments[-1], state.periods, force, rates, tangents, residual, rate, jacobian
+                state.z, basis, forced.damping, state.periods, force, rates, tangents, residual, rate, jacobian
             )
             return residual, rate, jacobian
 
@@ -243,7 +237,7 @@ class Solver:
         stride = self.stride(state)
         samples, basis, _ = bases(state, stride)
         result = np.empty((state.z.size - 1, state.z.size - 1))
-        self.balance.jacobian_of(state.z, basis, *self.arguments(state, stride), state.periods, stride, samples, result)
+        self.balance.jacobian_of(state.z, basis, self.forced(state, stride), state.periods, stride, samples, result)
         return result
 
     def stride(self, state: State) -> int:
@@ -268,13 +262,11 @@ class Solver:
         self.work += self.overhead
         stride = stride or self.stride(state)
         full = state.full(model)
-        tables = model.tables((4 * state.harmonics + 4) * stride, state.periods)
         parts, least = np.empty((2, 2 * model.size)), np.empty(1)
         split = model.n_in_plane if state.planar else model.size
         good = self.floquet.multipliers(
-            full.z, bases(state, stride)[2], tables.stiffness, tables.chord_tension, model.kappa, model.sag,
-            model.damping, state.periods, split, parts[0], parts[1], least,
-        )  # fmt: skip
+            full.z, bases(state, stride)[2], self.forced(full, stride), state.periods, split, parts[0], parts[1], least
+        )
         values = parts[0] + 1j * parts[1] if good else np.full(2 * model.size, np.nan + 0j)
         return Stability(values, float(least[0]) * model.force_scale)
 

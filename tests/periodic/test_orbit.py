@@ -88,10 +88,16 @@ def test_the_work_of_ends_and_loads_is_dissipated(omega, amplitude):
     solver = Solver(model)
     state = find(solver, given / model.scales[0], 1, 24, None)
     count = 4096
-    tables = model.tables(count, 1)
-    z, a = state.omega, model.damping
-    stiffness, load = (part[0] + z * a * part[1] + z * z * part[2] for part in tables[:2])
+    z, a, condensed = state.omega, model.damping, model.condensed
+    rows = np.tensordot((1.0, z * a, z * z), model.rows(count, 1), 1)
+    chord, loads, normals = np.split(rows, [1, 1 + len(condensed.load_patterns)], axis=1)
+    # stiffness and load without deflection, in SI units over the square of the frequency
+    tension = model.condensed.chain.p.stiffness * (chord[:, 0] / condensed.chain.total_length - 1.0)
+    tension = tension - loads @ condensed.mean_chordwise_forces
+    stiffness = tension[:, None, None] * np.diag(model.kappa_si) + np.tensordot(loads, model.geometric_stiffness, 1)
+    stiffness, load = stiffness / model.scales[0] ** 2, normals @ model.load_projection / model.scales[0] ** 2
     q = fields.coordinates(model, state, count) / model.scales[1]
+    load = load / model.scales[1]
 
     def rate(values):
         spectrum = np.fft.rfft(values, axis=0)

@@ -114,9 +114,7 @@ def test_report_in_small(pipeline, small, tmp_path, capsys):
     # no truth went into it: a factor of ten
     assert (np.abs(np.log10(told / error.sel(training_set=told["training_set"]))) < 1.0).all()
     galerkin = small["galerkin_error_estimate"] / small["galerkin_error"]
-    # the worst of all, whose linearised error grows without bound, is above 1 where a tenth is true
-    assert ((np.abs(np.log10(galerkin)) < 0.1) | (small["galerkin_error_estimate"] >= 1.0)).all()
-    assert int((small["galerkin_error_estimate"] >= 1.0).sum()) == 1
+    assert (np.abs(np.log10(galerkin)) < 0.1).all()
     assert (small["outside_training"].sel(training_set="itself") == 0.0).all()
     assert (small["outside_training"].sel(training_set="example 2") > 0.1).all()
     assert np.isnan(small["outside_training"].sel(training_set="sines")).all()
