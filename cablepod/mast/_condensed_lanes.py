@@ -50,7 +50,8 @@ def run_alone(model: CondensedGuys, request: MastRequest) -> MastTrajectory:
         np.zeros(modes), p, np.zeros_like(p), constant, mast.stiffness, mast.pulls(), matrices.keep, matrices.gain,
         mast.level_rows, mast.level_rest, lanes.heights, mast.level_of_guy, breaks, lanes.lower, lanes.axes, numbers, lanes.terms,
         lanes.kappa, lanes.moments, lanes.loads, lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
-        lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), lanes.end_mass, drive.load_vectors, drive.factors,
+        lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), lanes.damping(step, fitted), lanes.end_mass,
+         drive.load_vectors, drive.factors,
         drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
         None if model.air is None else along_guys(model.air, model.drag_points, lanes.size), *lanes.drag, result.modal,
         result.rates, coordinates, result.force, result.tension, result.drag, level_extremes, level_sums, tension_extremes,
@@ -116,6 +117,24 @@ class Lanes:
     def end_mass(self) -> np.ndarray:
         """Mass of the upper ends, rows of force in x, y, z by acceleration in x and z (6, lanes) [kg]."""
         return self.of(self.model.reaction_mass.reshape(-1, 6))
+
+    def damping(self, step: float, fitted: np.ndarray) -> np.ndarray:
+        """Return the matrices D and A of the damping by ratios (2, 2, modes, modes, lanes); without entries for none.
+
+        D is the damping matrix for the fitted masses, A = (1 + step / 2 D F)^-1, for fitted factors F (guys, 2 r).
+        """
+        matrices, r = self.model.damping, self.rank
+        if not matrices.size:
+            return np.empty((2, 2, 0, 0, 0))
+        root, one = np.sqrt(fitted), np.eye(2 * r)
+        fitting = matrices / root[:, :, None] / root[:, None]
+        solved = np.linalg.inv(one + 0.5 * step * fitting * fitted[:, None])
+        result = np.zeros((2, 2, self.modes, self.modes, self.size))
+        for k, both in enumerate((fitting, solved)):
+            for part in range(2):  # the planes are independent about rest
+                which = slice(part * r, (part + 1) * r)
+                result[k, part, :r, :r, : self.count] = np.moveaxis(both[:, which, which], 0, -1)
+        return result
 
     @cached_property
     def drag(self) -> tuple[Any, Any, Any, Any]:

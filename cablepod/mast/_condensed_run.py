@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
 from cablepod.mast._air import steady_along_guys
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
@@ -81,6 +82,15 @@ class CondensedGuys:
             own = shared[:, part * self.rank : (part + 1) * self.rank].sum(axis=1)
             on_mast -= own[:, None] * self.axes[:, 1 + part]
         return coordinates, on_mast
+
+    @cached_property
+    def damping(self) -> np.ndarray:
+        """Damping matrices of the ratios of the scene, of vibrations about rest in still air (guys, 2 r, 2 r); or no entries."""
+        guys = self.guys
+        if self.mast.rest.p.guy_damping_ratios is None or not guys.count:
+            return np.empty((0, 0, 0))
+        stiffness = guys.stiffness_of(guys.rest(guys.upper), guys.upper)
+        return np.stack([modal_damping(self.mast.rest.p.guy_damping_ratios, k, np.ones(len(k))) for k in stiffness])
 
     @cached_property
     def lanes(self) -> Lanes:
@@ -204,6 +214,7 @@ class CondensedGuys:
     def steps_of_drag(self, step: float) -> int:
         """Return the number of steps over which the drag is held: two, but one where they are long beside a period."""
         resolved = self.highest_frequency * step * STEPS_OF_DRAG <= 2.0 * np.pi / EVALUATIONS_PER_PERIOD
+        resolved = resolved and not self.damping.size  # which takes the rates of the ends at each step
         resolved = resolved and STEPS_OF_DRAG * step <= self.drag_limit
         return STEPS_OF_DRAG if resolved and self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2) else 1
 

@@ -237,11 +237,32 @@ def _add(held_q, held_end, on_q, on_end):
             on_end[d, g] += held_end[d, g]
 
 
+@compiled(counted=False, fastmath=FAST_DIVISION)
+def _damp(guy_damping, own, on_q, undamped):
+    """Change the forces f on the coordinates (2, r, lanes) into A (f - D u), with rates u of deflections half a step before.
+
+    With A = (1 + step / 2 D F)^-1 and the fitted factors F the damping is that of the mean rates of the step.
+    """
+    for part in range(2):
+        for i in range(on_q.shape[1]):
+            for g in range(on_q.shape[2]):
+                undamped[part, i, g] = on_q[part, i, g]
+            for j in range(on_q.shape[1]):
+                for g in range(on_q.shape[2]):
+                    undamped[part, i, g] -= guy_damping[0, part, i, j, g] * own[part, j, g]
+        for i in range(on_q.shape[1]):
+            for g in range(on_q.shape[2]):
+                on_q[part, i, g] = 0.0
+            for j in range(on_q.shape[1]):
+                for g in range(on_q.shape[2]):
+                    on_q[part, i, g] += guy_damping[1, part, i, j, g] * undamped[part, j, g]
+
+
 @compiled(fastmath=FAST_DIVISION)
 def condensed_run(
     step, every, steps, hold, window, a, v, p, rates, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest,
-    heights, guy_level, breaks, lower, rest_axes, numbers, terms, kappa, moments, loads, tilt, guy_keep, guy_gain, end_mass,
-    load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag,
+    heights, guy_level, breaks, lower, rest_axes, numbers, terms, kappa, moments, loads, tilt, guy_keep, guy_gain, guy_damping,
+    end_mass, load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag,
     sigma, shapes, slopes, saved, saved_rates, saved_coordinates, saved_force, saved_tension, saved_drag, level_extremes,
     level_sums, tension_extremes, tension_sums, monitor,
 ):  # fmt: skip
@@ -271,6 +292,8 @@ def condensed_run(
         :class:`cablepod.condensed._kernels_layout.LeadingTerms`, and tilt of shapes of unit mass (2, r, r).
     guy_keep, guy_gain
         Factor of rates in a step, factors of forces (2, r, lanes).
+    guy_damping
+        Matrices D and A of the damping by ratios (2, 2, r, r, lanes), see :func:`_damp`; without entries: none.
     end_mass
         Mass of the upper ends without that of the coordinates, rows of force in x, y, z by acceleration in x and z (6, lanes)
         [kg].
@@ -293,6 +316,7 @@ def condensed_run(
     acceleration, at_guys, tension = np.empty((levels, 2)), np.zeros((2, lanes)), np.empty(lanes)
     rates_before, ends, on_end = rates.copy(), np.zeros((7, lanes)), np.empty((3, lanes))
     q, on_q, own = np.empty((2, r, lanes)), np.empty((2, r, lanes)), np.zeros((2, r, lanes))
+    undamped = np.empty(q.shape)
     held_q, held_end = np.zeros(q.shape), np.zeros(on_end.shape)
     points = 0 if sigma is None else sigma.size
     axes, of_forces, of_drag, others = _rows(lanes, points)
@@ -338,6 +362,13 @@ def condensed_run(
             )  # fmt: skip
         if guy_wind is not None:
             _add(held_q, held_end, on_q, on_end)
+            _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
+        if guy_damping.size:
+            _own_rates(
+                0.0, rates[0], rates[1], rates_before[0], rates_before[1], moments[0], moments[1], rest_axes, ends, end_along,
+                end_normal, end_binormal, own[0], own[1],
+            )  # fmt: skip
+            _damp(guy_damping, own, on_q, undamped)
             _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
         _advance_guys(
             k == 0, step, guy_keep, guy_gain[0], guy_gain[1], moments[0], moments[1], on_q[0], on_q[1], moved, moved_out,

@@ -12,6 +12,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import NORMAL_MODES, taken
 from cablepod._resources import check_memory
+from cablepod.discretisation._modal_damping import ratios_error
 from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._request import check_outputs, check_times
 from cablepod.mast import _output as output
@@ -143,6 +144,8 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
     for guy in p.guys:
         if guy.breaks is not None and guys == "catenary":
             raise scene_error(f"{guy.key}.breaks", guy.breaks, 'none with guys "catenary"; try: guys="condensed"')
+        if guys != "condensed" and guy.p.damping_ratios is not None:
+            raise ratios_error(guy.p, f'none with guys "{guys}"; try: guys="condensed"')
 
 
 def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any) -> None:

@@ -11,7 +11,14 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._from_scene import SceneContent, _check_present, _from_values, _is_gap, _time_function
+from cablepod.parameters._from_scene import (
+    SceneContent,
+    _check_present,
+    _damping_ratios,
+    _from_values,
+    _is_gap,
+    _time_function,
+)
 from cablepod.parameters._key_paths import table_at, whole_table_at
 from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
@@ -63,6 +70,7 @@ class MastParameters:
     duration: float | None  #: [s]
     interval: float | None  #: [s]
     mass_damping: float  #: of the guys [1/s]
+    guy_damping_ratios: tuple[float, ...] | None  #: of the vibrations of each guy about rest
     wind: Mapping[str, Any] | None
     turbulence: Mapping[str, Any] | None
 
@@ -144,6 +152,7 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         duration=float(time["duration"]) if "duration" in time else None,
         interval=float(time["interval"]) if "interval" in time else None,
         mass_damping=float(damping.get("mass_proportional", 0.0)),
+        guy_damping_ratios=_damping_ratios(damping),
         wind=whole_table_at(values, "wind", WIND) or None,
         turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
     )

@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod._inputs import SCENE, Kind
 from cablepod.catenary._statics import solve_statics
 from cablepod.errors import SceneError, did_you_mean, named, scene_error
-from cablepod.parameters._keys import TABLES, TOP, check_table, exactly_one
+from cablepod.parameters._keys import TABLES, TOP, check_damping, check_table, exactly_one
 from cablepod.parameters._mast import MastParameters, anchors_of, broken_guy
 from cablepod.parameters._mast_keys import (
     GUY,
@@ -42,7 +42,7 @@ MAST_SCENE = Kind(
 MAST_TABLES = ("mast", "cables", "guy")
 ALLOWED = (*TOP, *MAST_TABLES, *(name for name in SHARED_TABLES if "." not in name), "ensemble")
 #: Keys of [damping] that guys lack.
-DAMPING_OF_CABLES = ("link_viscosity", "tension_proportional", "ratio", "ratios")
+DAMPING_OF_CABLES = ("link_viscosity", "tension_proportional")
 #: Distance from the axis below which an anchor lies on it, over the height.
 ON_AXIS = 1e-9
 
@@ -81,6 +81,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
             raise scene_error(
                 f"damping.{name}", tree["damping"][name], "none for guys of a mast; try: damping.mass_proportional"
             )
+    check_damping(tree.get("damping", {}))
     if "link_lengths" in tree.get("chain", {}):
         raise scene_error("chain.link_lengths", tree["chain"]["link_lengths"], "chain.links, equal links")
     check_chain(tree)
