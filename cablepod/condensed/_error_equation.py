@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import ErrorTerms, ErrorWork, LeadingTerms
+from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, ErrorTerms, LeadingTerms
+from cablepod.condensed._newton import solve_each
 from cablepod.condensed._terms import runtime_sizes
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
@@ -20,6 +21,10 @@ from cablepod.parameters._parameters import Parameters
 EXTRA_MODES = 3
 #: Joint Newton corrections of the closure, for order "leading" and for others (one leaves 1e-2 of the change, two 1e-4).
 CORRECTIONS_LEADING, CORRECTIONS = 1, 2
+#: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
+START_ITERATIONS, START_RTOL = 20, 1e-9
+#: Number of values at the points that are computed at a time.
+VALUES_AT_A_TIME = 50_000
 
 
 def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -91,8 +96,15 @@ class Cables(NamedTuple):
     length: np.ndarray  #: L0 [m]
 
 
-#: Coefficients of an error equation that differ between cables.
-OF_CABLES = ("change", "weights", "force_patterns", "slopes_of_motion", "slopes", "inertia", "damping")
+class Drive(NamedTuple):
+    """What drives the errors of members: exact forces less those to leading order, less accelerations of the motion."""
+
+    #: Boundary data of the samples (members, samples, columns), with the chord at which the closure to leading order has the
+    #: change of H by the exact closure; what the closure of a motion to leading order misses acts on the whole shape.
+    rows: np.ndarray
+    y: np.ndarray  #: motion in enriched coordinates (members, samples, R)
+    difference: np.ndarray  #: D less its accelerations with damping (members, samples, R)
+    largest_force: np.ndarray  #: largest chordwise force (members, samples) [N]
 
 
 def unit_coefficients(
@@ -215,11 +227,137 @@ def scaled_terms(
     )
 
 
-def terms_of_cable(terms: ErrorTerms, number: int) -> ErrorTerms:
-    """Return the coefficients of one cable of many."""
-    enriched = LeadingTerms(*(array[number] for array in terms.enriched))
-    own = {name: getattr(terms, name)[number] for name in OF_CABLES}
-    return terms._replace(enriched=enriched, **own)
+def drive_of(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.ndarray) -> Drive:
+    """Compute what drives the errors of members.
+
+    Parameters
+    ----------
+    terms
+        Coefficients.
+    motion
+        Coordinates of the motion, rates and accelerations (members, samples, r).
+    rows
+        Boundary data of the samples (members, samples, columns).
+    """
+    members, samples = rows.shape[:2]
+    count = max(1, VALUES_AT_A_TIME // terms.weights.shape[1])
+    if members * samples <= count:
+        return _drive_of_part(terms, motion, rows)
+    if members > 1:
+        each = max(1, count // samples)
+        parts = [
+            drive_of(members_of(terms, part), [array[part] for array in motion], rows[part])
+            for part in (slice(first, first + each) for first in range(0, members, each))
+        ]
+        return Drive(*map(np.concatenate, zip(*parts, strict=True)))
+    parts = [
+        _drive_of_part(terms, [array[:, part] for array in motion], rows[:, part])
+        for part in (slice(first, first + count) for first in range(0, samples, count))
+    ]
+    return Drive(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+
+
+def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.ndarray) -> Drive:
+    """Return the same as :func:`drive_of`, for all members and samples at a time."""
+    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+    q, rates, accelerations = motion
+    (members, samples, r), (size, m) = q.shape, terms.slopes.shape[1:]
+    accelerations = accelerations + terms.damping[:, None, None] * rates
+    to_enriched = np.swapaxes(terms.change, 1, 2)
+    y, difference = q @ to_enriched, -(accelerations @ to_enriched)
+    planes = [slice(terms.in_plane)] if terms.in_plane == r else [slice(terms.in_plane), slice(terms.in_plane, r)]
+    slopes = np.empty((members, len(planes), 3, m, samples))
+    for plane, which in enumerate(planes):
+        for order, derivative in enumerate((q, rates, accelerations)):
+            across = np.swapaxes(derivative[:, :, which], 1, 2)
+            np.matmul(terms.slopes_of_motion[:, :, which], across, out=slopes[:, plane, order])
+    along = rows[:, :, 1 : 1 + terms.force_patterns.shape[2]]
+    force = terms.force_patterns @ np.swapaxes(along, 1, 2)
+    change, largest_force = np.empty((members, samples)), np.empty((members, samples))
+    kernel.exact_forces(
+        terms.sizes, terms.enriched, terms.weights, terms.inertia, terms.green, terms.leading, terms.corrections,
+        np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)), np.empty((SUMS, BLOCK)), change,
+        largest_force,
+    )  # fmt: skip
+    enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
+    for plane, which in zip(range(len(planes)), enriched, strict=False):
+        difference[:, :, which] -= np.swapaxes(slopes[:, plane, 0], 1, 2) @ np.swapaxes(terms.slopes[:, which], 1, 2)
+    if not terms.leading:  # a motion with the exact closure has that tension in the difference
+        difference += change[:, :, None] * terms.enriched.kappa[:, None] * y
+    rows = rows.copy()
+    rows[:, :, 0] += change / (terms.enriched.stiffness * terms.enriched.inverse_length)
+    return Drive(rows, y, difference, largest_force)
+
+
+def errors_at_rest(terms: ErrorTerms, q: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the distances of members to the enriched equilibrium (members, R); zero where Newton's method finds none.
+
+    Parameters
+    ----------
+    terms
+        Coefficients.
+    q, rows
+        Coordinates at rest (members, r), and their boundary data (members, columns).
+    """
+    from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+
+    still = np.zeros_like(q[:, None])
+    at_rest, y, difference, _ = (array[:, 0] for array in drive_of(terms, (q[:, None], still, still), rows[:, None]))
+
+    def forces(error: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        force, tangent = np.empty_like(error), np.empty((*error.shape, error.shape[1]))
+        own = LeadingTerms(*(array[part] for array in terms.enriched))
+        kernel.leading_forces(own, at_rest[part], y[part] + error, force, tangent, np.empty(len(error)))
+        return force + difference[part], tangent
+
+    def is_found(change: np.ndarray, error: np.ndarray, part: np.ndarray) -> np.ndarray:
+        return np.abs(change).max(axis=1) <= START_RTOL * np.abs(error).max(axis=1)
+
+    errors, found = solve_each(np.zeros_like(y), forces, is_found, START_ITERATIONS)
+    errors[~found] = 0.0
+    return errors
+
+
+def grown_errors(
+    terms: ErrorTerms, drive: Drive, interval: float, errors: np.ndarray, error_rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrate the error equations of members.
+
+    Parameters
+    ----------
+    terms, drive
+        Coefficients, and what drives the errors.
+    interval
+        Interval of the samples [s].
+    errors, error_rates
+        Errors at the start, and their rates (members, R).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Sums of the squares of the error's coordinates (members, samples) [kg m^2]; the error where that is largest, and the
+        number of that sample (members, R + 1).
+    """
+    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+    members, samples, size = drive.y.shape
+    squares, largest, vectors = (
+        np.empty((members, samples)),
+        np.zeros((members, size + 1)),
+        np.zeros((members, 7, size)),
+    )
+    vectors[:, 0], vectors[:, 1] = errors, error_rates
+    kernel.error_growth(terms.sizes, terms.enriched, terms.damping, interval, *drive, vectors, squares, largest)
+    return squares, largest
+
+
+def members_of(terms: ErrorTerms, part: slice) -> ErrorTerms:
+    """Return the coefficients of some members."""
+    arrays: dict[str, Any] = {
+        name: value[part] for name, value in terms._asdict().items() if isinstance(value, np.ndarray)
+    }
+    return terms._replace(enriched=LeadingTerms(*(array[part] for array in terms.enriched)), **arrays)
 
 
 @dataclass(frozen=True)
@@ -227,7 +365,7 @@ class ErrorEquation:
     """Error equation of a motion in the enriched model of a chain."""
 
     chain: LumpedChain
-    terms: ErrorTerms
+    terms: ErrorTerms  #: of one member
     projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
     slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
     shapes: np.ndarray  #: enriched shapes (R, particle) [kg^-1/2]
@@ -271,13 +409,12 @@ class ErrorEquation:
         terms = scaled_terms(
             unit, at, cables, load[None], change[None], in_plane, leading=leading, green=bool(chain.green)
         )
-        terms = terms_of_cable(terms, 0)
         return cls(chain, terms, projection, (shape / length) * unit.slopes, shape * unit.shapes)
 
     @property
     def change(self) -> np.ndarray:
         """Matrix from the coordinates of the motion to the enriched ones (R, r)."""
-        return self.terms.change
+        return self.terms.change[0]
 
     @property
     def enriched_in_plane(self) -> int:
@@ -290,11 +427,11 @@ class ErrorEquation:
         The forces (R) are further columns of the boundary data.
         """
         terms, size = self.terms, len(self.change)
-        loads = np.concatenate([terms.enriched.load_projection, np.eye(size).ravel()])
+        loads = np.concatenate([terms.enriched.load_projection, np.eye(size).reshape(1, -1)], axis=1)
         terms = terms._replace(
             sizes=runtime_sizes(size, len(terms.sizes.patterns), loads.size // size),
             enriched=terms.enriched._replace(load_projection=loads),
-            damping=float(terms.damping) + damping,
+            damping=terms.damping + damping,
         )
         return replace(self, terms=terms)
 
@@ -307,27 +444,7 @@ class ErrorEquation:
 
     def error_at_rest(self, q: np.ndarray, static_boundary_data: np.ndarray) -> np.ndarray:
         """Return the distance to the enriched equilibrium from coordinates (r,); zero where Newton's method finds none."""
-        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
-
-        terms, size, still = self.terms, len(self.change), np.zeros((1, q.size))
-        drive = self._drive((q[None], still, still), static_boundary_data[None])
-        y, difference, change, _ = (array[0] for array in drive)
-        vectors, tangent = np.empty((3, size)), np.empty((size, size))
-        found = kernel.error_at_rest(
-            terms.enriched, terms.leading, static_boundary_data, y, difference, change, vectors, tangent, np.empty(1)
-        )
-        return vectors[0].copy() if found else np.zeros(size)
-
-    def _drive(
-        self, motion: tuple[np.ndarray, np.ndarray, np.ndarray], boundary_data: np.ndarray
-    ) -> tuple[np.ndarray, ...]:
-        """Return what drives the error, as :func:`cablepod.condensed._kernels_error.exact_differences` fills it."""
-        from cablepod.condensed import _kernels_error as kernel
-
-        samples, size = len(boundary_data), len(self.change)
-        drive = np.empty((samples, size)), np.empty((samples, size)), np.empty(samples), np.empty(samples)
-        kernel.exact_differences(self.terms, boundary_data, *motion, ErrorWork.of(self.terms), *drive)
-        return drive
+        return errors_at_rest(self.terms, q[None], static_boundary_data[None])[0]
 
     def mean_squares(
         self,
@@ -356,16 +473,10 @@ class ErrorEquation:
             Mean square of the error over the length (samples,) [m^2]: that of the deflection, with the part of the chordwise
             displacement that it has where it is largest; infinite where the error leaves the finite numbers.
         """
-        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
-
-        boundary_data, terms = np.ascontiguousarray(boundary_data), self.terms
-        squares, largest = np.empty(len(motion[0])), np.zeros(initial_error.size + 1)
-        vectors = np.zeros((7, initial_error.size))
-        vectors[0], vectors[1] = initial_error, initial_rate
-        kernel.error_growth(
-            terms.sizes, terms.enriched, terms.leading, terms.damping, interval, boundary_data,
-            *self._drive(motion, boundary_data), vectors, squares, largest,
-        )  # fmt: skip
+        drive = drive_of(self.terms, [array[None] for array in motion], boundary_data[None])
+        squares, largest = (
+            array[0] for array in grown_errors(self.terms, drive, interval, initial_error[None], initial_rate[None])
+        )
         squares /= self.chain.p.mass * self.chain.total_length
         if not squares.max() < math.inf:
             squares[np.isnan(squares)] = math.inf
