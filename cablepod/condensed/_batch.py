@@ -33,6 +33,8 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_condensed_members
 
+#: Number of values on links that are computed at a time.
+VALUES_AT_A_TIME = 50_000
 #: Groups of lanes to take at once where members have steps of their own: those with equal steps advance together.
 STEP_GROUPS = 2
 
@@ -313,7 +315,7 @@ class MemberCoefficients:
             return has_frames
         from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
 
-        unit, p = self.plan.unit, self.parameters
+        unit = self.plan.unit
         if "tension" in wanted and len(done.boundary_data[0]) and not done.instants.needs_interpolation:
             chosen = slice(None) if self.plan.links is None else self.plan.links
             tables = (self.scaled.named[name][part][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
@@ -327,22 +329,32 @@ class MemberCoefficients:
             wanted.remove("tension")
         if not wanted:
             return has_frames
-        links = slice(None) if self.plan.links is None else self.plan.links
+        count = max(1, VALUES_AT_A_TIME // (times.size * unit.chain.links))
+        for first in range(0, part.size, count):
+            some = slice(first, first + count)
+            has_frames[some] = self._fill_fields(part[some], q[some], times, wanted, targets)
+        return has_frames
+
+    def _fill_fields(
+        self, part: np.ndarray, q: np.ndarray, times: np.ndarray, wanted: set[str], targets: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Fill positions and tensions of members as far as they are wanted; return whether there are always chord frames."""
+        unit, named, has_frames = self.plan.unit, self.scaled.named, np.ones(part.size, dtype=bool)
+        length, patterns = self.total[part, None] * unit.chain.length, named["chordwise_force_patterns"][part]
+        deflection, squared = deflections(named["shapes"][part], unit.sets, length, q)
+        rows = self.rows_at(part, times, moving=True)
+        tau = rows[:, :, 1 : 1 + patterns.shape[1]] @ patterns
         factors = self.states.uniform[part, None] + self.states.sag[part, None] * rest_profile(self)
-        for k, m in enumerate(part.tolist()):
-            length, ends = self.total[m] * unit.chain.length, self.ends.take(part[k : k + 1]).positions(times)[0]
-            deflection, squared = deflections(self.scaled.named["shapes"][m], unit.sets, length, q[k])
-            patterns, rows = (
-                self.scaled.named["chordwise_force_patterns"][m],
-                self.rows_at(part[k : k + 1], times, moving=True)[0],
-            )
-            tau = rows[:, 1 : 1 + len(patterns)] @ patterns
-            chord_tension, stretch = close_leading(squared * factors[k], tau, length, rows[:, 0], p.stiffness[m])
-            if "tension" in wanted:
-                targets["tension"][m] = ((chord_tension[:, None] + tau) * np.sqrt(1.0 + squared))[:, links]
-            if "position" in wanted:
+        stiffness = self.parameters.stiffness[part, None]
+        chord_tension, stretch = close_leading(squared * factors[:, None], tau, length, rows[:, :, 0], stiffness)
+        if "tension" in wanted:
+            links = slice(None) if self.plan.links is None else self.plan.links
+            targets["tension"][part] = ((chord_tension[:, :, None] + tau) * np.sqrt(1.0 + squared))[:, :, links]
+        if "position" in wanted:
+            along, ends = running_sum(stretch * length[:, None]), self.ends.take(part).positions(times)
+            for k, m in enumerate(part.tolist()):
                 try:
-                    targets["position"][m] = joined(ends, self.reference[m], running_sum(stretch * length), deflection)
+                    targets["position"][m] = joined(ends[k], self.reference[m], along[k], deflection[:, k])
                 except SceneError:
                     has_frames[k] = False
         return has_frames

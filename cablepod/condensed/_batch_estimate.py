@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablepod.condensed._error_equation import (
-    Cables,
-    drive_of,
-    errors_at_rest,
-    grown_errors,
-    scaled_terms,
-    unit_coefficients,
-)
+from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
+from cablepod.condensed._error_equation import drive_of, errors_at_rest, grown_errors, parts_of_members
 from cablepod.condensed._estimate import MAX_ERROR, MOTION_SAMPLES, POINTS, POINTS_PER_MODE, largest_motions
 from cablepod.condensed._waves import chord_direction, waves_of_start
 
@@ -103,9 +97,11 @@ def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
     rest = batch.rows_at(part, start, moving=False)[:, 0]
     error = errors_at_rest(terms, batch.q_rest[part], rest)
     error_rates = _initial_error_rates(runs, projection, change, enriched_in_plane)
-    accelerations = (rates[:, :, 1] - rates[:, :, 0]) * rate
-    drive = drive_of(terms, (q, 0.5 * (rates[:, :, 0] + rates[:, :, 1]), accelerations), boundary_data)
-    squares, largest = grown_errors(terms, drive, runs.interval / rate, error, error_rates)
+    squares, largest = np.empty(q.shape[:2]), np.empty((part.size, error.shape[1] + 1))
+    for some, own in parts_of_members(terms, q.shape[1]):
+        before, after = rates[some, :, 0], rates[some, :, 1]
+        drive = drive_of(own, (q[some], 0.5 * (before + after), (after - before) * rate), boundary_data[some])
+        squares[some], largest[some] = grown_errors(own, drive, runs.interval / rate, error[some], error_rates[some])
     count = part.size
     squares /= (runs.mass * total)[:, None]
     squares[np.isnan(squares)] = math.inf

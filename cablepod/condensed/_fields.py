@@ -126,6 +126,8 @@ def deflections(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sum shapes to deflections w = q . shapes; return them, and their squared slopes w'^2, summed over the normals.
 
+    All arrays may have leading dimensions of members.
+
     Parameters
     ----------
     shapes, sets
@@ -138,37 +140,40 @@ def deflections(
     Returns
     -------
     tuple of numpy.ndarray
-        Deflections (normals, times, particle) [m], squared slopes (times, n).
+        Deflections (normals, times, particle) [m], the normals before the members; squared slopes (times, n).
     """
-    deflection = np.empty((len(sets), len(q), shapes.shape[1]))
+    deflection = np.empty((len(sets), *q.shape[:-1], shapes.shape[-1]))
     for w, which in zip(deflection, sets, strict=True):
-        np.matmul(q[:, which], shapes[which], out=w)
-    slope = np.diff(deflection, axis=2)
-    slope /= length
+        np.matmul(q[..., which], shapes[..., which, :], out=w)
+    slope = np.diff(deflection)
+    slope /= length[..., None, :]
     slope *= slope
     return deflection, slope[0] if len(sets) == 1 else slope.sum(axis=0)
 
 
 def close_leading(
-    squared: np.ndarray, tau: np.ndarray, length: np.ndarray, chord: np.ndarray, stiffness: float
+    squared: np.ndarray, tau: np.ndarray, length: np.ndarray, chord: np.ndarray, stiffness: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Close the chord to leading order: zeta' = 1 + (H + tau) / K - w'^2 / 2, whose integral is the chord.
+
+    All arrays may have leading dimensions of members.
 
     Parameters
     ----------
     squared, tau
         Squared slopes, and chordwise forces of the loads [N] (times, n).
     length, chord, stiffness
-        Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K [N].
+        Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K, a number or (1,) [N].
 
     Returns
     -------
     tuple of numpy.ndarray
         H (times,) [N] and chordwise stretch zeta' (times, n).
     """
-    total = length.sum()
-    chord_tension = stiffness * (chord / total - 1.0 + squared @ (0.5 / total * length)) - tau @ (length / total)
-    stretch = (chord_tension[:, None] + tau) / stiffness
+    total = length.sum(axis=-1, keepdims=True)
+    share = (length / total)[..., None]
+    chord_tension = stiffness * (chord / total - 1.0 + 0.5 * (squared @ share)[..., 0]) - (tau @ share)[..., 0]
+    stretch = (chord_tension[..., None] + tau) / np.asarray(stiffness)[..., None]
     stretch -= 0.5 * squared
     stretch += 1.0
     return chord_tension, stretch
@@ -221,9 +226,9 @@ def joined(ends: np.ndarray, reference: int, along: np.ndarray, deflection: np.n
 
 
 def running_sum(parts: np.ndarray) -> np.ndarray:
-    """Sum parts of the links (times, n) up to each particle (times, n + 1)."""
-    result = np.zeros((len(parts), parts.shape[1] + 1))
-    np.cumsum(parts, axis=1, out=result[:, 1:])
+    """Sum parts of the links (..., n) up to each particle (..., n + 1)."""
+    result = np.zeros((*parts.shape[:-1], parts.shape[-1] + 1))
+    np.cumsum(parts, axis=-1, out=result[..., 1:])
     return result
 
 
