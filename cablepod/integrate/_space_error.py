@@ -9,7 +9,7 @@ from cablepod.discretisation._chain import square
 from cablepod.discretisation._interpolation import at_places
 
 #: Links of a companion over those of the run, and the same of implicit steps that are given and of explicit ones close to their
-#: limit: a run with a given step is one run and not the last of several, and either costs at most half as much.  With half of the
+#: limit: a run with a given step is one run and not the last of several, and either costs about half as much.  With half of the
 #: links in all runs a companion may lose the phase of a motion that the run holds: the estimate falls to a third of the error.
 COARSER, COARSER_OF_ONE = 0.6, 0.5
 #: Steps per second of a companion over those of a run with a given step: of explicit steps if they are stable, and of implicit
