@@ -46,8 +46,8 @@ class VariableContent:
 
     def __init__(self, variable: xr.Variable) -> None:
         kind = variable.dtype.kind
-        self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
-        self.dtype = variable.dtype.newbyteorder("<")
+        self.shape, self.is_text, self.is_real = variable.shape, not _has_bytes(variable.dtype), kind == "f"
+        self.dtype = variable.dtype if self.is_text else variable.dtype.newbyteorder("<")
         has_attrs = variable.attrs and not self.is_text  # texts have no units
         attrs = _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) if has_attrs else {}
         kind = "text" if self.is_text else self.dtype.str
@@ -62,7 +62,7 @@ class VariableContent:
             return self
         values = np.ascontiguousarray(slab, self.dtype)
         if not self.is_real:
-            self._hash.update(values.tobytes())
+            self._hash.update(_bytes(values))
             return self
         flat = values.reshape(-1)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -71,7 +71,7 @@ class VariableContent:
             )  # many times as fast as a mask, and no threads of BLAS to wait for
         if not finite and (missing := np.isnan(flat)).any():
             flat = np.where(missing, self.dtype.type(np.nan), flat)  # a file keeps no other bits of nan
-        self._hash.update(flat.data)
+        self._hash.update(_bytes(flat) if self.dtype.char == "g" else flat.data)
         if sums:
             self._add(flat if finite else np.where(np.isfinite(flat), flat, 0.0))
         return self
@@ -212,6 +212,18 @@ def _described(name: str, dims: tuple[Any, ...], shape: tuple[int, ...]) -> byte
     return f"{name}{dims}{shape}".encode()
 
 
+def _has_bytes(dtype: Any) -> bool:
+    """Tell whether values are kept as bytes, unlike Python objects, texts, and types of pandas."""
+    return isinstance(dtype, np.dtype) and dtype.kind not in "UOT"
+
+
 def _bytes(values: np.ndarray) -> bytes:
     """Return the content of an array as bytes."""
-    return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
+    if not _has_bytes(values.dtype):
+        return str(values.tolist()).encode()
+    if values.dtype.char in "gG":  # two doubles for each number, as bytes that hold no digits have any value
+        parts = np.ascontiguousarray(values).reshape(-1).view(np.longdouble)
+        with np.errstate(over="ignore", invalid="ignore"):
+            head = parts.astype(np.float64)
+            values = np.stack([head, (parts - head).astype(np.float64)])
+    return values.tobytes()

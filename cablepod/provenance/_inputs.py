@@ -134,10 +134,10 @@ def _is_read(variable: xr.Variable) -> bool:
 
 def _differing(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> list[str]:
     """Return the names of variables that are not the recorded ones; of those without a hash on record the shape tells."""
-    differ, before = [], recorded["variables"]
+    differ, before, variables = [], recorded["variables"], _by_text(dataset)
     for name, value in found.hashes.items():
         known, shape, *_ = before.get(name, (None, None))
-        same = list(dataset.variables[name].shape) == shape if known == UNKNOWN else value == known
+        same = list(variables[name].shape) == shape if known == UNKNOWN else value == known
         if not same:
             differ.append(name)
     return sorted(differ)
@@ -229,11 +229,16 @@ def _not_computed(found: _Found) -> dict[str, Any]:
 
 def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
     """Return the values of short variables, from which they can be made again."""
-    variables = {str(name): variable for name, variable in dataset.variables.items()}  # names need not be texts
+    variables = _by_text(dataset)
     return {name: _with_dims(variables[name]) for name in names if variables[name].size <= MAX_HISTORY_ITEMS}
+
+
+def _by_text(dataset: xr.Dataset) -> dict[str, xr.Variable]:
+    """Return the variables by their names in a history, which are texts; those of a Dataset need not be."""
+    return {str(name): variable for name, variable in dataset.variables.items()}
 
 
 def _with_dims(variable: xr.Variable) -> Any:
     """Return [dimensions, values, attributes] of a variable as JSON types; only the value of a scalar."""
     value = to_json(np.asarray(variable.values)) if variable.dims else to_json(variable.values[()])
-    return [list(variable.dims), value, dict(variable.attrs)] if variable.dims else value
+    return [list(variable.dims), value, to_json(dict(variable.attrs))] if variable.dims else value
