@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cablepod.conventions import plain_indexes
 from cablepod.provenance._abridged import Abridged
 from cablepod.provenance._content import (
     DIGITS,
     UNKNOWN,
     VariableContent,
     content_of,
+    content_of_variable,
     digest,
     is_chunked,
     is_scene,
     own_hash,
     total_hash,
-    variable_hash,
 )
 from cablepod.provenance._stages import COMPACT, SORTED, merged_stages, recorded_content
 from cablepod.provenance._values import MAX_HISTORY_ITEMS, to_json
@@ -106,23 +107,24 @@ def _found(
     total: str | None = None,
 ) -> _Found:
     """Return the content of a Dataset; chunked variables have the recorded hash, with another shape one that follows from it."""
-    hashes, chunked = {}, []
+    hashes, chunked, indexes = {}, [], plain_indexes(dataset)
     for key, variable in dataset.variables.items():
         name = str(key)
-        if contents is not None:
-            hashes[name] = contents[name].hash
-        elif is_chunked(variable):
-            chunked.append(name)
-            entry = None if recorded is None else recorded["variables"].get(name)
-            if entry is None:  # nothing but the name of the dask array, which follows from how it was made
-                hashes[name] = _short([name, str(variable.data.name)])
-            else:
-                same = list(variable.shape) == entry[1]
-                hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
-                if entry[0] != UNKNOWN and not _is_read(variable):
-                    hashes[name] = _short([hashes[name], str(variable.data.name)])
+        content = (
+            contents[name] if contents is not None else content_of_variable(variable, indexes.get(key), sums=False)
+        )
+        if content is not None:
+            hashes[name] = content.hash
+            continue
+        chunked.append(name)
+        entry = None if recorded is None else recorded["variables"].get(name)
+        if entry is None:  # nothing but the name of the dask array, which follows from how it was made
+            hashes[name] = _short([name, str(variable.data.name)])
         else:
-            hashes[name] = variable_hash(variable)
+            same = list(variable.shape) == entry[1]
+            hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
+            if entry[0] != UNKNOWN and not _is_read(variable):
+                hashes[name] = _short([hashes[name], str(variable.data.name)])
     attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
 

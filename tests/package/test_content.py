@@ -340,3 +340,29 @@ def test_variables_without_a_text_for_a_name_are_compared_by_shape_where_their_h
     found = inputs._found(dataset, recorded, None)
     assert inputs._differing(dataset, recorded, found) == []
     assert inputs._differing(dataset.isel(time=slice(3)), recorded, found) != []
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [["y", "x", "é"], [3, 1, 2], [0.5, np.nan, 1e300], np.array([0.1, 0.2], "f4"), np.array(["a", None], object)],
+)
+def test_labels_have_the_content_of_their_values(labels):
+    dataset = xr.Dataset(coords={"place": ("place", labels, {"units": "m"})})
+    variable = dataset.variables["place"]
+    entry = provenance.content_of(dataset)["variables"]["place"]
+    assert entry == content.VariableContent(variable).update(variable.values).entry()
+
+
+def test_attributes_that_are_equal_numbers_of_other_types_differ():
+    hashes = {content.content_of_variable(xr.Variable((), 1.0, {"n": n})).hash for n in (1, 1.0, True)}
+    assert len(hashes) == 3
+
+
+@pytest.mark.parametrize(
+    ("values", "largest"),
+    [([-3.0, 2.0], 3.0), ([-0.0], 0.0), ([], 0.0), ([np.nan, -2.0, np.inf, 1.0], 2.0), ([np.nan], 0.0)],
+)
+def test_the_largest_value_is_that_of_the_finite_ones(values, largest):
+    entry = content.content_of_variable(xr.Variable("x", np.array(values, float))).entry()
+    assert entry[2] == largest
+    assert np.signbit(entry[2]) == np.False_
