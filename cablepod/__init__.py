@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         study,
         wind,
     )
+    from cablepod._caches import clear_caches
     from cablepod.errors import (
         ArchiveError,
         CoarseWarning,
@@ -60,6 +61,7 @@ __all__ = [
     "cable",
     "catenary",
     "chain",
+    "clear_caches",
     "compare",
     "condensed",
     "ensemble",
@@ -82,6 +84,7 @@ __all__ = [
 
 #: Modules of the public names that are no sub-packages.
 _HOMES = {
+    "clear_caches": "_caches",
     "make_scene": "scene",
     "modes": "pod._own",
     "read_scene": "scene",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,8 @@ MAX_PHASES = 8192
 MIN_STRIDE = 4
 #: Distance from the unit circle that counts as on it.
 NEUTRAL = 1e-7
+#: Number of tables of harmonics that are kept, of at most 4 MB.
+KEPT_BASES = 32
 #: Sets of coordinates whose disturbances do not couple with those of others, and the set of all.
 IN_PLANE, OUT_OF_PLANE, COUPLED = "in_plane", "out_of_plane", "coupled"
 
@@ -126,15 +128,10 @@ def bases(state: State, stride: int) -> tuple[int, np.ndarray, np.ndarray]:
     return samples, basis_at(samples, 2 * state.harmonics), basis_at(samples * stride, state.harmonics)
 
 
-_BASES: dict[tuple[int, int], np.ndarray] = {}
-
-
+@lru_cache(KEPT_BASES)
 def basis_at(phases: int, harmonics: int) -> np.ndarray:
     """Do :func:`harmonics_at`, once."""
-    key = (phases, harmonics)
-    if key not in _BASES:
-        _BASES[key] = harmonics_at(*key)
-    return _BASES[key]
+    return harmonics_at(phases, harmonics)
 
 
 class Solver:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar, cast
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import xarray as xr
@@ -27,6 +26,8 @@ from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
 F = TypeVar("F", bound=Callable[..., Any])
+#: Number of scenes whose warnings are kept.
+KEPT_WARNINGS = 64
 #: Usual densities [kg/m3]: ropes of polyethylene float (970, with voids 600), tungsten has 19300.
 DENSITY = (500.0, 25000.0)
 #: Usual moduli [Pa]: soft rubber 1e7, nylon rope 1e9, steel 2e11, diamond 1.2e12.
@@ -299,8 +300,6 @@ def _remedy(changes: list[tuple[str, str]]) -> str:
 
 # --- the warning --------------------------------------------------------------------------------------------------------
 
-#: Texts of the warnings of scenes by their parameters, empty for usual scenes; parameters of equal scenes are one object.
-_WARNINGS: WeakKeyDictionary[Parameters, str] = WeakKeyDictionary()
 #: Whether the function that is running has warned; None outside of functions that warn once.
 _WARNED: ContextVar[list[bool] | None] = ContextVar("warned", default=None)
 
@@ -321,9 +320,7 @@ def warn_once(function: F) -> F:
 
 def warn_of_unusual(p: Parameters) -> None:
     """Warn of the worst note on a scene, at the user's line; a fraction of a microsecond for parameters seen before."""
-    text = _WARNINGS.get(p)
-    if text is None:
-        text = _WARNINGS[p] = _warning(p)
+    text = _warning(p)
     warned = _WARNED.get()
     if text and not warned and not inside_members():
         if warned is not None:
@@ -347,8 +344,9 @@ def warn_of_unusual_members(scene: xr.Dataset) -> None:
             return
 
 
+@functools.lru_cache(KEPT_WARNINGS)
 def _warning(p: Parameters) -> str:
-    """Return the text of the warning of a scene, empty for a usual one."""
+    """Return the text of the warning of a scene, empty for a usual one; kept, as parameters of equal scenes are one object."""
     try:
         with np.errstate(all="ignore"):
             notes = notes_of(p)

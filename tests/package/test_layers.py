@@ -21,7 +21,7 @@ PACKAGE = Path(cablepod.__file__).parent
 
 #: Sub-packages and modules by level.  Each may import from lower levels, and within itself.
 LAYERS = (
-    ("conventions", "errors", "_jit"),
+    ("conventions", "errors", "_caches", "_jit"),
     ("provenance",),
     ("parameters", "_resources"),
     ("_inputs",),

@@ -247,7 +247,7 @@ def test_a_function_of_several_models_warns_once():
 def test_the_notes_of_a_known_scene_are_not_computed_again(monkeypatch):
     p = SceneContent.of(cp.make_scene(SOFT)).parameters()
     warn_of_unusual(p)
-    monkeypatch.setattr(_notes, "_warning", None)
+    monkeypatch.setattr(_notes, "notes_of", None)
     warn_of_unusual(SceneContent.of(cp.make_scene(SOFT)).parameters())
 
 
