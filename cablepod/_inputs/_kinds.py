@@ -153,7 +153,8 @@ def rule_of(kind: Kind, layout: str | None, name: Any) -> Rule | None:
     if dims is None or not _matters(kind, name):
         return Rule(units, types, is_number)
     must, may = _dims_allowed(kind, layout, name, dims)
-    return Rule(units, types, is_number, dims, frozenset(must), None if may is None else frozenset(may), must or dims)
+    order = dims if may is None else tuple(dim for dim in dims if dim in may)
+    return Rule(units, types, is_number, order, frozenset(must), None if may is None else frozenset(may), must or dims)
 
 
 def _matters(kind: Kind, name: str) -> bool:

@@ -165,7 +165,7 @@ def _check_content(dataset: xr.Dataset) -> None:
             raise ArchiveError(f"variable {name!r}: a name that is no text cannot be written; leave it out")
         for key, value in variable.attrs.items():
             _check_attribute(f"variable {name!r}", key, value)
-        kind = variable.dtype.kind
+        kind = variable.dtype.kind if isinstance(variable.dtype, np.dtype) else "of pandas"
         is_text = kind == "U" or (kind == "O" and all(isinstance(value, str) for value in variable.values.flat))
         if not is_text and kind != "b" and not (kind in "iuf" and variable.dtype.newbyteorder("=") in DTYPES):
             raise ArchiveError(f"variable {name!r}: {variable.dtype} cannot be written; make it numbers or strings")

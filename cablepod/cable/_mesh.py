@@ -168,6 +168,8 @@ class SpectralMesh(LumpedChain):
                 return values
             arc_length = self.places
         element, rows = self._locate(arc_length)
+        if self.sizes.size == 1:  # without a copy of all nodes for each point
+            return rows @ values
         return np.einsum("ji,...jic->...jc", rows, values[..., self._nodes[element], :])
 
     # --- frequencies ---

@@ -16,7 +16,14 @@ from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_st
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
-from cablepod.integrate._space_error import COARSER, COARSER_OF_ONE, extrapolated
+from cablepod.integrate._space_error import (
+    CLOSE_TO_LIMIT,
+    FEWER_IMPLICIT_STEPS,
+    FEWER_STEPS,
+    companion_cells,
+    companion_steps,
+    extrapolated,
+)
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     complete,
@@ -30,7 +37,7 @@ from cablepod.integrate._step_control import (
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 40, 80, 128)
 #: Minimum ratio of two numbers of elements whose difference is taken as an error: that of 12 and 16.
 MIN_REFINEMENT = 4.0 / 3.0
-#: Orders by which a companion of as many elements is lower.
+#: Orders by which a companion of as many elements is lower, by one more where the step is given and cannot be much longer.
 LOWER_ORDER = 2
 #: Cost of an implicit step in explicit steps, with the iterations of Newton's method.
 IMPLICIT_COST = 30.0
@@ -175,17 +182,21 @@ def space_error_of(runs: Callable[..., dict[str, CableRun]], solution: Solution)
     run, rate = solution.run, solution.steps_per_second
     mesh = run.chain
     elements, order = mesh.sizes.size, mesh.order
-    fewer = math.floor((COARSER_OF_ONE if solution.time_error is None else COARSER) * elements)
-    coarser = (fewer, order) if fewer >= part_borders(mesh.p).size - 1 else (elements, order - LOWER_ORDER)
+    is_given = solution.time_error is None
+    part = 1.0 / (rate * run.step_limit) if run.scheme == SCHEMES[0] else None
+    fewer = companion_cells(elements, part, is_given=is_given)
+    lower = LOWER_ORDER + (is_given and (part is None or part > CLOSE_TO_LIMIT))
+    coarser = (fewer, order) if fewer >= part_borders(mesh.p).size - 1 else (elements, order - lower)
     if min(coarser) < 1 or math.prod(coarser) < 2:  # no inner node
         return math.nan
     try:
         companion = runs(*coarser)[run.scheme]
-        if run.scheme == SCHEMES[0]:  # the same part of its limit
-            rate *= run.step_limit / companion.step_limit
-        state = companion(rate)
+        limits = 1.0 if part is None else run.step_limit / companion.step_limit
+        given = FEWER_IMPLICIT_STEPS if part is None else FEWER_STEPS
+        state = companion(rate * companion_steps(given if is_given else limits, part, limits))
     except (RunStopped, SceneError):
         return math.nan
-    gap = companion.compared(state.position) - run.compared(solution.trajectory.position)
-    distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / run.motion(solution.trajectory)
+    compared = run.compared(solution.trajectory.position)
+    gap = companion.compared(state.position) - compared
+    distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / run.motion_of(compared)
     return extrapolated(distance, elements / fewer, 2 if order == 1 else 1) if coarser[0] < elements else distance

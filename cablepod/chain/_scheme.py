@@ -25,7 +25,15 @@ from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
-from cablepod.integrate._space_error import COARSER, COARSER_OF_ONE, distance_of, extrapolated
+from cablepod.integrate._space_error import (
+    FEWER_IMPLICIT_STEPS,
+    FEWER_STEPS,
+    MANY_TIMES,
+    companion_cells,
+    companion_steps,
+    distance_of,
+    extrapolated,
+)
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
@@ -105,19 +113,23 @@ def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
     """Add the estimate of the error in space, where it is an output, by a companion run with fewer links; nan if that stops."""
     if "error_estimate" not in request.outputs:
         return solved
-    run, rate = solved.run, solved.steps_per_second
-    is_explicit, links = run.scheme == SCHEMES[0], run.chain.links
-    share = COARSER if is_explicit or solved.time_error is not None else COARSER_OF_ONE
-    fewer = math.floor(share * links)
+    run, rate, links = solved.run, solved.steps_per_second, solved.run.chain.links
+    is_given = solved.time_error is None
+    part = 1.0 / (rate * run.step_limit) if run.scheme == SCHEMES[0] else None
+    fewer = companion_cells(links, part, is_given=is_given)
     p = _with_links(run.chain.p, fewer)
+    every = 2 if is_given and part is None and run.times.size >= MANY_TIMES else 1
     try:
-        plain = replace(request, links=None, scheme=run.scheme, step=None, window=None, outputs=())
+        plain = replace(
+            request, links=None, scheme=run.scheme, step=None, window=None, outputs=(), times=run.times[::every]
+        )
         explicit, coarse = prepare(p, plain, "")[:2]
-        # steps as much longer as the links, so that errors of both fall alike; explicit ones at most the same part of their limit
-        state = coarse(rate * max(fewer / links, run.step_limit / explicit.step_limit if is_explicit else 0.0))
+        # steps at least as much longer as the links, so that errors of both fall alike
+        least = min(fewer / links, FEWER_IMPLICIT_STEPS if part is None else FEWER_STEPS) if is_given else fewer / links
+        state = coarse(rate * companion_steps(least, part, run.step_limit / explicit.step_limit))
     except (RunStopped, SceneError):  # too few links for this scene
         return solved._replace(space_error=math.nan)
-    distance = distance_of(coarse, state, run, solved.trajectory)
+    distance = distance_of(coarse, state, run, solved.trajectory, every)
     return solved._replace(space_error=extrapolated(distance, links / fewer))
 
 

@@ -14,13 +14,17 @@ from cablepod.batch._computed import computed_variable
 from cablepod.batch._members import Rows, RunChunk, run_members
 from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
+from cablepod.condensed._fields import close_leading, deflections, joined, running_sum
+from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, rest_profile
 from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
-from cablepod.discretisation._chord_frame import MAX_COSINE, reference_axis
+from cablepod.discretisation._chord_frame import reference_axis
+from cablepod.errors import SceneError
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within, window_attributes
 from cablepod.parameters._from_scene import Members
@@ -29,6 +33,8 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_condensed_members
 
+#: Number of values on links that are computed at a time.
+VALUES_AT_A_TIME = 50_000
 #: Groups of lanes to take at once where members have steps of their own: those with equal steps advance together.
 STEP_GROUPS = 2
 
@@ -190,28 +196,73 @@ class MemberCoefficients:
 
     def starts(self, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return coordinates, rates half a `step` before the start (members, r), step limits [s] and H [N] (members,)."""
-        from cablepod.condensed import _kernels_leading_batch as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
 
         parameters, model, start = self.parameters, self.plan.unit, np.zeros(1)
-        count, _, dims = parameters.ends.shape
-        chain, scaled = model.chain, self.scaled
-        ends, rates, accelerations = (
-            np.ascontiguousarray(parameters.end_positions(start, k).reshape(count, 2 * dims, 1)) for k in (0, 1, 2)
-        )
-        # damping acts on the motion of the chord frame too
-        accelerations += parameters.damping[:, None, None] * rates
-        if not parameters.motions:
-            rates = accelerations = np.zeros((count, 2 * dims, 0))
+        chain, scaled, everyone, size = model.chain, self.scaled, np.arange(self.total.size), len(model.load_patterns)
+        rest = self.rows_at(everyone, start, moving=False)[:, 0]
         # first guess: the parabola whose tension is that at rest
         sigma = chain.arc_length / chain.total_length
         sag = parameters.mass * self.total * 0.5 * self.total**2 / self.rest_tension
         parabola = sag[:, None] * (scaled.named["shapes"] @ (chain.tributary_length * sigma * (1.0 - sigma)))
-        q, v, limit, chord_tension = np.empty_like(parabola), np.empty_like(parabola), np.empty(count), np.empty(count)
-        kernel.leading_starts(
-            ends, rates, accelerations, self.load, self.reference, step, parameters.damping, parameters.mass, self.terms,
-            scaled.named["geometric_stiffness_norms"], model.n_in_plane, parabola, q, v, limit, chord_tension,
-        )  # fmt: skip
-        return q, v, limit, chord_tension
+        for k, which in enumerate(model.sets):
+            parabola[:, which] *= rest[:, 1 + (1 + k) * size, None]
+
+        chord_tension = np.empty(len(rest))
+
+        def forces(q: np.ndarray, part: np.ndarray, rows: np.ndarray = rest) -> tuple[np.ndarray, np.ndarray]:
+            force, tangent = np.empty_like(q), np.empty((*q.shape, q.shape[1]))
+            own = LeadingTerms(*(array[part] for array in self.terms))
+            kernel.leading_forces(own, rows[part], q, force, tangent, chord_tension[: len(q)])
+            return force, tangent
+
+        q, found = equilibria(parabola, forces)
+        q[~found] = np.nan
+        now = self.rows_at(everyone, start, moving=True)[:, 0]
+        f, _ = forces(q, everyone, now)
+        norms, kappa = scaled.named["geometric_stiffness_norms"], self.terms.kappa
+        loads = (np.abs(now[:, 1 : 1 + size]) * norms).sum(axis=1)
+        sag_stiffness = 2.0 * self.terms.sag_stiffness[:, 0] * ((kappa * q) ** 2).sum(axis=1)
+        limit = 2.0 / np.sqrt(np.abs(chord_tension) * kappa.max(axis=1) + loads + sag_stiffness)
+        v = np.zeros_like(q)
+        if parameters.motions:
+            # the particles are at rest, the chord frame moves: its velocity is projected as its acceleration is
+            ends = parameters.end_positions(start)
+            rates = parameters.end_positions(start, 1)
+            moved = self._projected(everyone, ends, rates, np.zeros_like(self.load))[:, 0, 1 + size :]
+            v = (moved[:, None] @ self.terms.load_projection.reshape(*moved.shape, -1))[:, 0]
+        growth = np.expm1(0.5 * parameters.damping * step)
+        damping = np.where(parameters.damping == 0.0, 1.0, parameters.damping)
+        impulse = np.where(parameters.damping == 0.0, 0.5 * step, growth / damping)
+        return q, v * (1.0 + growth)[:, None] - impulse[:, None] * f, limit, chord_tension
+
+    def rows_at(self, part: np.ndarray, times: np.ndarray, *, moving: bool) -> np.ndarray:
+        """Return the boundary data of members at times [s] (members, times, columns); if not `moving`, of ends at rest."""
+        p, ends = self.parameters, self.ends.take(part)
+        if not p.motions:
+            return self._projected(part, ends.positions(times), None, self.load[part])
+        accelerations = np.zeros((part.size, times.size, 2, p.dims))
+        if moving:
+            # damping acts on the motion of the chord frame too
+            damped = 0.0 if p.damping is None else p.damping[part, None, None, None] * ends.positions(times, 1)
+            accelerations = ends.positions(times, 2) + damped
+        return self._projected(part, ends.positions(times), accelerations, self.load[part])
+
+    def _projected(
+        self, part: np.ndarray, ends: np.ndarray, accelerations: np.ndarray | None, load: np.ndarray
+    ) -> np.ndarray:
+        """Return the boundary data of members (members, times, columns) for ends and accelerations (members, times, 2, dims)."""
+        count, times, dims = part.size, ends.shape[1], ends.shape[3]
+
+        def rows(values: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(values.reshape(count * times, 2 * dims).T)
+
+        loads, mass, reference = (
+            np.repeat(array, times, axis=0)
+            for array in (load[:, :, 0], self.parameters.mass[part], self.reference[part])
+        )
+        still = np.empty((2 * dims, 0)) if accelerations is None else rows(accelerations)
+        return chord_and_loads(rows(ends), still, loads.T, mass, reference).reshape(count, times, -1)
 
     def places(self, result: Variables) -> Variables:
         """Return the coordinates of the particles and, where the result needs them, the links of the members."""
@@ -262,42 +313,50 @@ class MemberCoefficients:
         has_frames, wanted = np.ones(part.size, dtype=bool), {"position", "tension"} & set(targets)
         if not wanted:
             return has_frames
-        from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
 
-        unit, p, count = self.plan.unit, self.parameters, len(self.total)
+        unit = self.plan.unit
         if "tension" in wanted and len(done.boundary_data[0]) and not done.instants.needs_interpolation:
             chosen = slice(None) if self.plan.links is None else self.plan.links
             tables = (self.scaled.named[name][part][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
             slopes, patterns = map(np.ascontiguousarray, tables)
             rows = done.instants.left[np.isin(done.instants.times, times)]
             boundary_data = done.boundary_data.take(rows, axis=1)
-            kernel.tensions_of_members(
+            kernel.link_tensions(
                 LeadingTerms(*(array[part] for array in self.terms)), boundary_data, q, slopes, unit.n_in_plane, patterns,
-                part, targets["tension"],
+                np.empty(1), part, targets["tension"],
             )  # fmt: skip
             wanted.remove("tension")
         if not wanted:
             return has_frames
-        dims, total = unit.chain.p.dims, self.total[part]
-        ends = self.ends.take(part)
-        accelerations = np.zeros((part.size, 2 * dims, 0))
-        if p.motions:
-            values = ends.positions(times, 2)
-            if p.mass_damping is not None:
-                values += p.damping[part, None, None, None] * ends.positions(times, 1)
-            accelerations = _rows_of_ends(values)
-        states = self.states
-        factors = states.uniform[part, None] + states.sag[part, None] * rest_profile(self)
-        kernel.fields_of_members(
-            np.ascontiguousarray(q), _rows_of_ends(ends.positions(times)), accelerations, self.load[part],
-            self.reference[part], MAX_COSINE,
-            p.mass[part], p.stiffness[part], total[:, None] * unit.chain.length, self.scaled.named["shapes"][part],
-            unit.n_in_plane, self.scaled.named["chordwise_force_patterns"][part], factors,
-            np.arange(unit.chain.links) if self.plan.links is None else self.plan.links, part,
-            targets["position"] if "position" in wanted else np.empty((count, 0, 0, dims)),
-            targets["tension"] if "tension" in wanted else np.empty((count, 0, 0)),
-            has_frames,
-        )  # fmt: skip
+        count = max(1, VALUES_AT_A_TIME // (times.size * unit.chain.links))
+        for first in range(0, part.size, count):
+            some = slice(first, first + count)
+            has_frames[some] = self._fill_fields(part[some], q[some], times, wanted, targets)
+        return has_frames
+
+    def _fill_fields(
+        self, part: np.ndarray, q: np.ndarray, times: np.ndarray, wanted: set[str], targets: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Fill positions and tensions of members as far as they are wanted; return whether there are always chord frames."""
+        unit, named, has_frames = self.plan.unit, self.scaled.named, np.ones(part.size, dtype=bool)
+        length, patterns = self.total[part, None] * unit.chain.length, named["chordwise_force_patterns"][part]
+        deflection, squared = deflections(named["shapes"][part], unit.sets, length, q)
+        rows = self.rows_at(part, times, moving=True)
+        tau = rows[:, :, 1 : 1 + patterns.shape[1]] @ patterns
+        factors = self.states.uniform[part, None] + self.states.sag[part, None] * rest_profile(self)
+        stiffness = self.parameters.stiffness[part, None]
+        chord_tension, stretch = close_leading(squared * factors[:, None], tau, length, rows[:, :, 0], stiffness)
+        if "tension" in wanted:
+            links = slice(None) if self.plan.links is None else self.plan.links
+            targets["tension"][part] = ((chord_tension[:, :, None] + tau) * np.sqrt(1.0 + squared))[:, :, links]
+        if "position" in wanted:
+            along, ends = running_sum(stretch * length[:, None]), self.ends.take(part).positions(times)
+            for k, m in enumerate(part.tolist()):
+                try:
+                    targets["position"][m] = joined(ends[k], self.reference[m], along[k], deflection[:, k])
+                except SceneError:
+                    has_frames[k] = False
         return has_frames
 
 
@@ -333,9 +392,3 @@ class CondensedBatch(MemberCoefficients):
             | {name: values.tolist() for name, values in varied.items()}
             | self.diagnostics(limit, float(instants.times[-1]))
         )
-
-
-def _rows_of_ends(values: np.ndarray) -> np.ndarray:
-    """Return values of both ends (members, times, end, dims) as rows (members, 2 dims, times)."""
-    count, times, _, dims = values.shape
-    return np.ascontiguousarray(np.swapaxes(values.reshape(count, times, 2 * dims), 1, 2))

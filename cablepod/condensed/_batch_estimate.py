@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablepod.condensed._error_equation import Cables, scaled_terms, terms_of_cable, unit_coefficients
-from cablepod.condensed._estimate import MAX_ERROR, MOTION_SAMPLES, POINTS, POINTS_PER_MODE
-from cablepod.condensed._kernels_layout import ErrorWork
+from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
+from cablepod.condensed._error_equation import drive_of, errors_at_rest, grown_errors, parts_of_members
+from cablepod.condensed._estimate import MAX_ERROR, MOTION_SAMPLES, POINTS, POINTS_PER_MODE, largest_motions
 from cablepod.condensed._waves import chord_direction, waves_of_start
 
 if TYPE_CHECKING:
@@ -60,22 +60,16 @@ def motions_of(runs: MemberRuns) -> np.ndarray:
     """
     batch, results = runs.batch, runs.results
     stride = -(-runs.samples.size // MOTION_SAMPLES)
-    q = results.saved[:, runs.samples[::stride]]
-    times = np.arange(q.shape[1]) * (stride * runs.interval / results.instants.steps_per_second)
-    change, unit = q - q[:, :1], batch.plan.unit
-    square = (change * change).sum(axis=2) / (runs.mass * runs.total)[:, None]
+    q, unit = results.saved[:, runs.samples[::stride]], batch.plan.unit
+    ends = None
     if runs.ends.rows.size:
+        times = np.arange(q.shape[1]) * (stride * runs.interval / results.instants.steps_per_second)
         ends = runs.ends.positions(times)
-        moved = ends - ends[:, :1]
-        lower, upper = moved[:, :, 0], moved[:, :, 1]
-        square += ((lower + upper) * lower + upper * upper).sum(axis=2) / 3.0  # a linear displacement along the cable
-        of_upper = runs.shapes @ (unit.chain.tributary_length * unit.chain.arc_length)
-        of_lower = runs.shapes @ unit.chain.tributary_length - of_upper
-        for k, which in enumerate(unit.sets):
-            normal, part = runs.normals[:, k, :, None], change[:, :, which]
-            for end, shares in ((lower, of_lower), (upper, of_upper)):
-                square += 2.0 * (end @ normal)[:, :, 0] * (part @ shares[:, which, None])[:, :, 0]
-    largest = np.sqrt(np.maximum(square.max(axis=1), 0.0))
+    of_upper = runs.shapes @ (unit.chain.tributary_length * unit.chain.arc_length)
+    of_lower = runs.shapes @ unit.chain.tributary_length - of_upper
+    count = [of_upper[:, which].shape[1] for which in unit.sets]
+    normals = np.repeat(runs.normals, count, axis=1)
+    largest = np.sqrt(largest_motions(q, ends, (runs.mass * runs.total)[:, None], normals, of_lower, of_upper))
     reach = runs.ends.initial[:, 1] - runs.ends.initial[:, 0]
     chord = np.sqrt((reach * reach).sum(axis=1))
     return np.where(largest > 1e-9 * chord, largest, chord)
@@ -83,8 +77,6 @@ def motions_of(runs: MemberRuns) -> np.ndarray:
 
 def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
     """Estimate the largest errors of members over time as fractions of their motions `scale` [m]."""
-    from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
-
     batch, results, part, total = runs.batch, runs.results, runs.part, runs.total
     model, p, shapes = batch.plan.unit, batch.parameters, runs.shapes
     unit, at = unit_coefficients(
@@ -101,19 +93,16 @@ def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
     q, rates, boundary_data = results.saved, results.half_step_rates, results.boundary_data
     if runs.samples.size < q.shape[1]:
         q, rates, boundary_data = (array.take(runs.samples, axis=1) for array in (q, rates, boundary_data))
-    rate, size = results.instants.steps_per_second, len(unit.shapes)
-    squares, largest = np.empty(q.shape[:2]), np.zeros((part.size, size + 1))
-    dims, count = p.dims, part.size
-    rest = (
-        batch.q_rest[part], runs.ends.positions(np.zeros(1)).reshape(count, 2 * dims, 1),
-        np.zeros((2 * dims, 1 if p.motions else 0)), batch.load[part], batch.reference[part], runs.mass,
-    )  # fmt: skip
-    vectors, samples = np.zeros((count, 7, size)), q.shape[1]
-    vectors[:, 1] = _initial_error_rates(runs, projection, change, enriched_in_plane)
-    drive = np.empty((samples, size)), np.empty((samples, size)), np.empty(samples), np.empty(samples)
-    work = ErrorWork.of(terms_of_cable(terms, 0))
-    motions, interval = (q, rates, rate), runs.interval / rate
-    kernel.errors_of_members(rest, motions, boundary_data, interval, terms, work, drive, vectors, squares, largest)
+    rate, start = results.instants.steps_per_second, np.zeros(1)
+    rest = batch.rows_at(part, start, moving=False)[:, 0]
+    error = errors_at_rest(terms, batch.q_rest[part], rest)
+    error_rates = _initial_error_rates(runs, projection, change, enriched_in_plane)
+    squares, largest = np.empty(q.shape[:2]), np.empty((part.size, error.shape[1] + 1))
+    for some, own in parts_of_members(terms, q.shape[1]):
+        before, after = rates[some, :, 0], rates[some, :, 1]
+        drive = drive_of(own, (q[some], 0.5 * (before + after), (after - before) * rate), boundary_data[some])
+        squares[some], largest[some] = grown_errors(own, drive, runs.interval / rate, error[some], error_rates[some])
+    count = part.size
     squares /= (runs.mass * total)[:, None]
     squares[np.isnan(squares)] = math.inf
     error, samples = largest[:, :-1], largest[:, -1].astype(int)

@@ -3,223 +3,162 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import ErrorTerms, ErrorWork, LeadingTerms
+from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
+from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, ErrorTerms, LeadingTerms
+from cablepod.condensed._newton import solve_each
 from cablepod.condensed._terms import runtime_sizes
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.parameters._parameters import Parameters
 
-#: Number of sines that the enriched model has beyond the modes of each deflection (fewer where particles are few).
-EXTRA_MODES = 3
-#: Joint Newton corrections of the closure, for order "leading" and for others (one leaves 1e-2 of the change, two 1e-4).
-CORRECTIONS_LEADING, CORRECTIONS = 1, 2
+#: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
+START_ITERATIONS, START_RTOL = 20, 1e-9
+#: Number of values at the points that are computed at a time.
+VALUES_AT_A_TIME = 50_000
 
 
-def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Complete each set of modes (mode, particle) by the EXTRA_MODES sines of the relative arc length that it lacks most.
+class Drive(NamedTuple):
+    """What drives the errors of members: exact forces less those to leading order, less accelerations of the motion."""
 
-    What a sine lacks is what is left of it, per its norm, without the parts along the modes and the sines taken before, in the
-    product of masses; over its squared number, as a force of that shape displaces a taut string.  So a sine that the modes
-    contain is never taken, in whatever form and order they are given.
+    #: Boundary data of the samples (members, samples, columns), with the chord at which the closure to leading order has the
+    #: change of H by the exact closure; what the closure of a motion to leading order misses acts on the whole shape.
+    rows: np.ndarray
+    y: np.ndarray  #: motion in enriched coordinates (members, samples, R)
+    difference: np.ndarray  #: D less its accelerations with damping (members, samples, R)
+    largest_force: np.ndarray  #: largest chordwise force (members, samples) [N]
+
+
+def drive_of(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.ndarray) -> Drive:
+    """Compute what drives the errors of members.
 
     Parameters
     ----------
-    sets, sigma
-        Modes of each deflection, independent, and relative arc lengths of the particles (particle,).
+    terms
+        Coefficients.
+    motion
+        Coordinates of the motion, rates and accelerations (members, samples, r).
+    rows
+        Boundary data of the samples (members, samples, columns).
+    """
+    samples, count = rows.shape[1], max(1, VALUES_AT_A_TIME // terms.weights.shape[1])
+    if samples <= count:
+        return _drive_of_part(terms, motion, rows)
+    parts = [
+        _drive_of_part(terms, [array[:, part] for array in motion], rows[:, part])
+        for part in (slice(first, first + count) for first in range(0, samples, count))
+    ]
+    return Drive(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
+
+
+def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.ndarray) -> Drive:
+    """Return the same as :func:`drive_of`, for all samples at a time."""
+    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+    q, rates, accelerations = motion
+    (members, samples, r), (size, m) = q.shape, terms.slopes.shape[1:]
+    accelerations = accelerations + terms.damping[:, None, None] * rates
+    to_enriched = np.swapaxes(terms.change, 1, 2)
+    y, difference = q @ to_enriched, -(accelerations @ to_enriched)
+    planes = [slice(terms.in_plane)] if terms.in_plane == r else [slice(terms.in_plane), slice(terms.in_plane, r)]
+    slopes = np.empty((members, len(planes), 3, m, samples))
+    for plane, which in enumerate(planes):
+        for order, derivative in enumerate((q, rates, accelerations)):
+            across = np.swapaxes(derivative[:, :, which], 1, 2)
+            np.matmul(terms.slopes_of_motion[:, :, which], across, out=slopes[:, plane, order])
+    along = rows[:, :, 1 : 1 + terms.force_patterns.shape[2]]
+    force = terms.force_patterns @ np.swapaxes(along, 1, 2)
+    change, largest_force = np.empty((members, samples)), np.empty((members, samples))
+    kernel.exact_forces(
+        terms.sizes, terms.enriched, terms.weights, terms.inertia, terms.green, terms.leading, terms.corrections,
+        np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)), np.empty((SUMS, BLOCK)), change,
+        largest_force,
+    )  # fmt: skip
+    enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
+    for plane, which in zip(range(len(planes)), enriched, strict=False):
+        difference[:, :, which] -= np.swapaxes(slopes[:, plane, 0], 1, 2) @ np.swapaxes(terms.slopes[:, which], 1, 2)
+    if not terms.leading:  # a motion with the exact closure has that tension in the difference
+        difference += change[:, :, None] * terms.enriched.kappa[:, None] * y
+    rows = rows.copy()
+    rows[:, :, 0] += change / (terms.enriched.stiffness * terms.enriched.inverse_length)
+    return Drive(rows, y, difference, largest_force)
+
+
+def errors_at_rest(terms: ErrorTerms, q: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the distances of members to the enriched equilibrium (members, R); zero where Newton's method finds none.
+
+    Parameters
+    ----------
+    terms
+        Coefficients.
+    q, rows
+        Coordinates at rest (members, r), and their boundary data (members, columns).
+    """
+    from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+
+    still = np.zeros_like(q[:, None])
+    at_rest, y, difference, _ = (array[:, 0] for array in drive_of(terms, (q[:, None], still, still), rows[:, None]))
+
+    def forces(error: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        force, tangent = np.empty_like(error), np.empty((*error.shape, error.shape[1]))
+        own = LeadingTerms(*(array[part] for array in terms.enriched))
+        kernel.leading_forces(own, at_rest[part], y[part] + error, force, tangent, np.empty(len(error)))
+        return force + difference[part], tangent
+
+    def is_found(change: np.ndarray, error: np.ndarray, part: np.ndarray) -> np.ndarray:
+        return np.abs(change).max(axis=1) <= START_RTOL * np.abs(error).max(axis=1)
+
+    errors, found = solve_each(np.zeros_like(y), forces, is_found, START_ITERATIONS)
+    errors[~found] = 0.0
+    return errors
+
+
+def grown_errors(
+    terms: ErrorTerms, drive: Drive, interval: float, errors: np.ndarray, error_rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrate the error equations of members.
+
+    Parameters
+    ----------
+    terms, drive
+        Coefficients, and what drives the errors.
+    interval
+        Interval of the samples [s].
+    errors, error_rates
+        Errors at the start, and their rates (members, R).
 
     Returns
     -------
     tuple of numpy.ndarray
-        Bases of each deflection, orthonormal in that product, zero at the ends; as many rows as inner particles at most.
+        Sums of the squares of the error's coordinates (members, samples) [kg m^2]; the error where that is largest, and the
+        number of that sample (members, R + 1).
     """
-    length, inner = np.diff(sigma), sigma.size - 2
-    root = np.sqrt(0.5 * (length[1:] + length[:-1]))  # of the lengths, so of the masses, at the inner particles
-    bases = []
-    for psi in sets:
-        number = np.arange(1, min(2 * (len(psi) + EXTRA_MODES), inner) + 1)
-        left = np.sin(math.pi * np.outer(number, sigma[1:-1])) * root
-        left /= np.linalg.norm(left, axis=1)[:, None]
-        basis = np.linalg.qr((psi[:, 1:-1] * root).T)[0].T
-        for _ in range(min(EXTRA_MODES, inner - len(psi))):
-            for _ in range(2):  # the second time takes off what rounding left
-                left -= left @ basis.T @ basis
-            norm = np.linalg.norm(left, axis=1)
-            chosen = int(np.argmax(norm / number**2))
-            basis = np.concatenate([basis, left[chosen : chosen + 1] / norm[chosen]])
-        bases.append(np.pad(basis / root, ((0, 0), (1, 1))))
-    return tuple(bases)
+    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
-
-class _UnitCable(NamedTuple):
-    """The parameters that coefficients depend on, for a cable of unit mass per length."""
-
-    dims: int
-    motions: bool
-    point_loads: tuple[_PointLoad, ...]
-    mass: float = 1.0
-
-
-class _PointLoad(NamedTuple):
-    fraction: float
-
-
-class _Points(NamedTuple):
-    """Points along a cable of unit length and mass."""
-
-    weights: np.ndarray
-    #: chordwise inertia, of links its factors, see :attr:`Coefficients.inertia`; grows with the mass per length, and with the
-    #: length as `inertia_powers` say
-    inertia: np.ndarray
-    inertia_powers: np.ndarray  #: powers of the length, a column
-    patterns: np.ndarray
-    slopes: np.ndarray
-
-
-class Cables(NamedTuple):
-    """Numbers of cables (cables,)."""
-
-    stiffness: np.ndarray  #: K [N]
-    mass: np.ndarray  #: per unstretched length [kg/m]
-    damping: np.ndarray  #: by mass [1/s]
-    length: np.ndarray  #: L0 [m]
-
-
-#: Coefficients of an error equation that differ between cables.
-OF_CABLES = ("change", "weights", "force_patterns", "slopes_of_motion", "slopes", "inertia", "damping")
-
-
-def unit_coefficients(
-    sets: Sequence[np.ndarray], sigma: np.ndarray, p: Parameters, points: int
-) -> tuple[Coefficients, _Points]:
-    """Return the coefficients of an enriched model of unit length and mass.
-
-    Parameters
-    ----------
-    sets, sigma
-        Modes of each deflection (mode, particle), and relative arc lengths (particle,).
-    p
-        Parameters with the kinds of loads of the scene.
-    points
-        Number of points of a Gauss rule; 0 for the links.
-    """
-    return _unit_coefficients(
-        tuple(np.ascontiguousarray(part, dtype=float).tobytes() for part in sets),
-        np.round(sigma, 12).tobytes(),  # the same for all lengths
-        bool(p.motions),
-        tuple(load.fraction for load in p.point_loads),
-        points,
+    members, samples, size = drive.y.shape
+    squares, largest, vectors = (
+        np.empty((members, samples)),
+        np.zeros((members, size + 1)),
+        np.zeros((members, 7, size)),
     )
+    vectors[:, 0], vectors[:, 1] = errors, error_rates
+    kernel.error_growth(terms.sizes, terms.enriched, terms.damping, interval, *drive, vectors, squares, largest)
+    return squares, largest
 
 
-@lru_cache(maxsize=64)
-def _unit_coefficients(
-    modes: tuple[bytes, ...], sigma: bytes, moving: bool, fractions: tuple[float, ...], points: int
-) -> tuple[Coefficients, _Points]:
-    """Return the coefficients of an enriched model of unit length and mass; cached, as many scenes share modes.
-
-    Parameters
-    ----------
-    modes, sigma
-        Bytes of the modes of each set (mode, particle), and of the relative arc lengths (particle,).
-    moving, fractions
-        Whether ends move; places of the point loads.
-    points
-        Number of points of a Gauss rule; 0 for the links.
-    """
-    places = np.frombuffer(sigma)
-    sets = [np.frombuffer(part).reshape(-1, places.size) for part in modes]
-    p: Any = _UnitCable(len(sets) + 1, moving, tuple(map(_PointLoad, fractions)))
-    chain = LumpedChain(p, np.diff(places), places)
-    unit = Coefficients(chain, "inertial", enriched_modes(sets, places))
-    slopes, patterns = unit.slopes, unit.chordwise_force_patterns
-    if not 0 < points < chain.links:
-        return unit, _Points(chain.length, unit.inertia, np.array([[1.0], [0.0]]), patterns, slopes)
-    nodes, weights = np.polynomial.legendre.leggauss(points)
-    middles, at = 0.5 * (places[1:] + places[:-1]), 0.5 * (1.0 + nodes)
-    left = np.clip(np.searchsorted(middles, at) - 1, 0, middles.size - 2)
-    fraction = (at - middles[left]) / (middles[left + 1] - middles[left])
-
-    def interpolated(values: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(values[:, left] * (1.0 - fraction) + values[:, left + 1] * fraction)
-
-    # a point moves by the stretches below it and half of its own, less sigma times all
-    displacement = (np.tri(points, k=-1) + 0.5 * np.eye(points) - at[:, None]) * (0.5 * weights)
-    inertia = np.ascontiguousarray((displacement.T * (0.5 * weights)) @ displacement)
-    return unit, _Points(0.5 * weights, inertia, np.array([[3.0]]), interpolated(patterns), interpolated(slopes))
-
-
-def scaled_terms(
-    unit: Coefficients,
-    at: _Points,
-    cables: Cables,
-    load: np.ndarray,
-    change: np.ndarray,
-    in_plane: int,
-    *,
-    leading: bool,
-    green: bool,
-) -> ErrorTerms:
-    """Return the coefficients of the error equations of cables from those of unit length and mass, with a leading dimension.
-
-    Parameters
-    ----------
-    unit, at
-        Coefficients of the enriched model, and points along the cable, of unit length and mass.
-    cables
-        Numbers of the cables.
-    load
-        Factor of each load pattern (cables, patterns).
-    change, in_plane
-        Matrices from the coordinates of the motion to the enriched ones (cables, R, r), and the number of the motion's in plane.
-    leading, green
-        Whether the motion obeys the closure to leading order; whether law (21) holds.
-    """
-    count, size, normals = len(load), change.shape[1], len(unit.load_projection) // load.shape[1]
-    length, mass = cables.length[:, None], cables.mass[:, None]
-    shape = 1.0 / np.sqrt(mass * length)
-    slopes = (shape / length)[..., None] * at.slopes
-    matrices = (load * shape * shape / length)[:, :, None, None] * unit.geometric_stiffness
-    projection = (np.tile(load, normals) * shape)[:, :, None] * unit.load_projection
-    enriched = LeadingTerms(
-        cables.stiffness[:, None],
-        1.0 / length,
-        0.5 * cables.stiffness[:, None] / length,
-        unit.slope_norms_squared * (shape * shape / length),
-        load * unit.mean_chordwise_forces,
-        matrices.reshape(count, -1),
-        projection.reshape(count, -1),
-    )
-    powers = at.inertia_powers
-    return ErrorTerms(
-        sizes=runtime_sizes(size, load.shape[1], len(unit.load_projection)),
-        enriched=enriched,
-        change=change,
-        weights=length * at.weights,
-        force_patterns=np.ascontiguousarray(at.patterns.T * load[:, None, :]),
-        slopes_of_motion=np.swapaxes(slopes, 1, 2) @ change,
-        slopes=slopes,
-        in_plane=in_plane,
-        enriched_in_plane=unit.n_in_plane,
-        inertia=mass[..., None] ** (powers > 0.0) * length[..., None] ** powers * at.inertia,
-        damping=cables.damping,
-        green=green,
-        leading=leading,
-        corrections=CORRECTIONS_LEADING if leading else CORRECTIONS,
-    )
-
-
-def terms_of_cable(terms: ErrorTerms, number: int) -> ErrorTerms:
-    """Return the coefficients of one cable of many."""
-    enriched = LeadingTerms(*(array[number] for array in terms.enriched))
-    own = {name: getattr(terms, name)[number] for name in OF_CABLES}
-    return terms._replace(enriched=enriched, **own)
+def parts_of_members(terms: ErrorTerms, samples: int) -> Iterator[tuple[slice, ErrorTerms]]:
+    """Divide members into parts whose values at the points fit into caches; yield their slices and coefficients."""
+    members, points = terms.weights.shape
+    count = max(1, VALUES_AT_A_TIME // (points * samples))
+    for first in range(0, members, count):
+        part = slice(first, first + count)
+        arrays: dict[str, Any] = {
+            name: value[part] for name, value in terms._asdict().items() if isinstance(value, np.ndarray)
+        }
+        yield part, terms._replace(enriched=LeadingTerms(*(array[part] for array in terms.enriched)), **arrays)
 
 
 @dataclass(frozen=True)
@@ -227,7 +166,7 @@ class ErrorEquation:
     """Error equation of a motion in the enriched model of a chain."""
 
     chain: LumpedChain
-    terms: ErrorTerms
+    terms: ErrorTerms  #: of one member
     projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
     slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
     shapes: np.ndarray  #: enriched shapes (R, particle) [kg^-1/2]
@@ -271,13 +210,12 @@ class ErrorEquation:
         terms = scaled_terms(
             unit, at, cables, load[None], change[None], in_plane, leading=leading, green=bool(chain.green)
         )
-        terms = terms_of_cable(terms, 0)
         return cls(chain, terms, projection, (shape / length) * unit.slopes, shape * unit.shapes)
 
     @property
     def change(self) -> np.ndarray:
         """Matrix from the coordinates of the motion to the enriched ones (R, r)."""
-        return self.terms.change
+        return self.terms.change[0]
 
     @property
     def enriched_in_plane(self) -> int:
@@ -290,11 +228,11 @@ class ErrorEquation:
         The forces (R) are further columns of the boundary data.
         """
         terms, size = self.terms, len(self.change)
-        loads = np.concatenate([terms.enriched.load_projection, np.eye(size).ravel()])
+        loads = np.concatenate([terms.enriched.load_projection, np.eye(size).reshape(1, -1)], axis=1)
         terms = terms._replace(
             sizes=runtime_sizes(size, len(terms.sizes.patterns), loads.size // size),
             enriched=terms.enriched._replace(load_projection=loads),
-            damping=float(terms.damping) + damping,
+            damping=terms.damping + damping,
         )
         return replace(self, terms=terms)
 
@@ -307,27 +245,7 @@ class ErrorEquation:
 
     def error_at_rest(self, q: np.ndarray, static_boundary_data: np.ndarray) -> np.ndarray:
         """Return the distance to the enriched equilibrium from coordinates (r,); zero where Newton's method finds none."""
-        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
-
-        terms, size, still = self.terms, len(self.change), np.zeros((1, q.size))
-        drive = self._drive((q[None], still, still), static_boundary_data[None])
-        y, difference, change, _ = (array[0] for array in drive)
-        vectors, tangent = np.empty((3, size)), np.empty((size, size))
-        found = kernel.error_at_rest(
-            terms.enriched, terms.leading, static_boundary_data, y, difference, change, vectors, tangent, np.empty(1)
-        )
-        return vectors[0].copy() if found else np.zeros(size)
-
-    def _drive(
-        self, motion: tuple[np.ndarray, np.ndarray, np.ndarray], boundary_data: np.ndarray
-    ) -> tuple[np.ndarray, ...]:
-        """Return what drives the error, as :func:`cablepod.condensed._kernels_error.exact_differences` fills it."""
-        from cablepod.condensed import _kernels_error as kernel
-
-        samples, size = len(boundary_data), len(self.change)
-        drive = np.empty((samples, size)), np.empty((samples, size)), np.empty(samples), np.empty(samples)
-        kernel.exact_differences(self.terms, boundary_data, *motion, ErrorWork.of(self.terms), *drive)
-        return drive
+        return errors_at_rest(self.terms, q[None], static_boundary_data[None])[0]
 
     def mean_squares(
         self,
@@ -356,16 +274,10 @@ class ErrorEquation:
             Mean square of the error over the length (samples,) [m^2]: that of the deflection, with the part of the chordwise
             displacement that it has where it is largest; infinite where the error leaves the finite numbers.
         """
-        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
-
-        boundary_data, terms = np.ascontiguousarray(boundary_data), self.terms
-        squares, largest = np.empty(len(motion[0])), np.zeros(initial_error.size + 1)
-        vectors = np.zeros((7, initial_error.size))
-        vectors[0], vectors[1] = initial_error, initial_rate
-        kernel.error_growth(
-            terms.sizes, terms.enriched, terms.leading, terms.damping, interval, boundary_data,
-            *self._drive(motion, boundary_data), vectors, squares, largest,
-        )  # fmt: skip
+        drive = drive_of(self.terms, [array[None] for array in motion], boundary_data[None])
+        squares, largest = (
+            array[0] for array in grown_errors(self.terms, drive, interval, initial_error[None], initial_rate[None])
+        )
         squares /= self.chain.p.mass * self.chain.total_length
         if not squares.max() < math.inf:
             squares[np.isnan(squares)] = math.inf

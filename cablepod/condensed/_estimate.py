@@ -153,17 +153,50 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
 
     Displacements of the ends and changes of the deflection count, normal to the initial chord.
     """
-    from cablepod.condensed import _kernels_fields as kernel  # numba is imported only to compute
-
     q, p = state.saved[state.samples], model.chain.p
     stride = -(-len(q) // MOTION_SAMPLES)
-    count = -(-len(q) // stride)
-    ends = np.empty((0, 2, p.dims))
+    q = q[::stride]
+    ends = None
     if p.motions:
-        ends = p.end_positions(np.arange(count) * (stride * state.sample_interval / state.instants.steps_per_second))
-    square = kernel.largest_motion(q, stride, ends, p.mass * model.chain.total_length, *_means_of_shapes(model))
-    largest, chord = math.sqrt(square), chord_of(model)
+        ends = p.end_positions(np.arange(len(q)) * (stride * state.sample_interval / state.instants.steps_per_second))
+    means = [array[None] for array in _means_of_shapes(model)]
+    square = largest_motions(q[None], None if ends is None else ends[None], p.mass * model.chain.total_length, *means)
+    largest, chord = math.sqrt(square[0]), chord_of(model)
     return largest if largest > 1e-9 * chord else chord
+
+
+def largest_motions(
+    q: np.ndarray,
+    ends: np.ndarray | None,
+    mass: float | np.ndarray,
+    normals: np.ndarray,
+    of_lower: np.ndarray,
+    of_upper: np.ndarray,
+) -> np.ndarray:
+    """Return the largest mean square displacements from the start: of the line between the ends and of the deflection [m^2].
+
+    With displacements a and b of the ends and changes d of the coordinates it is (a.a + a.b + b.b) / 3 plus the sums of
+    2 d (a.n u + b.n v) and of d^2 over the mass.
+
+    Parameters
+    ----------
+    q, ends
+        Coordinates (members, samples, r), and positions of the ends (members, samples, 2, dims) [m]; None where no end moves.
+    mass
+        Mass of the cable, a number or (members, 1) [kg].
+    normals, of_lower, of_upper
+        Normal of each coordinate (members, r, dims); means u and v of its shape times 1 - sigma and sigma (members, r) [kg^-1/2].
+    """
+    change = q - q[:, :1]
+    square = (change * change).sum(axis=2) / mass
+    if ends is not None:
+        moved = ends - ends[:, :1]
+        lower, upper = moved[:, :, 0], moved[:, :, 1]
+        square += ((lower + upper) * lower + upper * upper).sum(axis=2) / 3.0
+        normal = np.swapaxes(normals, 1, 2)
+        across = lower @ (normal * of_lower[:, None]) + upper @ (normal * of_upper[:, None])
+        square += 2.0 * (change * across).sum(axis=2)
+    return np.maximum(square.max(axis=1), 0.0)
 
 
 def chord_of(model: CondensedModel) -> float:

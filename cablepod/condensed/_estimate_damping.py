@@ -8,6 +8,7 @@ import numpy as np
 
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate_air import EnrichedDrag
+from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.discretisation._modal_damping import modal_damping
 
 if TYPE_CHECKING:
@@ -61,10 +62,10 @@ def enriched_damping(equation: ErrorEquation, model: CondensedModel) -> np.ndarr
     """
     from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
 
-    size = len(equation.change)
-    force, stiffness, at_rest = np.empty(size), np.empty((size, size)), equation.change @ model.rest
-    kernel.leading_force(equation.terms.enriched, model.static_boundary_data, at_rest, force, stiffness, np.empty(1))
-    return modal_damping(model.chain.p.damping_ratios or (), stiffness, np.ones(size))
+    size, rows = len(equation.change), model.static_boundary_data[None]
+    force, stiffness, at_rest = np.empty((1, size)), np.empty((1, size, size)), (equation.change @ model.rest)[None]
+    kernel.leading_forces(equation.terms.enriched, rows, at_rest, force, stiffness, np.empty(1))
+    return modal_damping(model.chain.p.damping_ratios or (), stiffness[0], np.ones(size))
 
 
 def _damping_by_tension(
@@ -74,7 +75,8 @@ def _damping_by_tension(
 
     The error is damped as its slowest mode, with the mean of H, by which faster modes are damped too little.
     """
-    p, change, terms = equation.chain.p, equation.change, equation.terms.enriched
+    p, change = equation.chain.p, equation.change
+    terms = LeadingTerms(*(array[0] for array in equation.terms.enriched))
     beta, size, kappa = p.tension_damping or 0.0, len(change), terms.kappa
     loads = boundary_data[:, 1 : 1 + terms.mean_chordwise_forces.size]
     motion, moving = q @ change.T, rates @ change.T

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._model import CondensedModel
-from cablepod.discretisation._chord_frame import MAX_COSINE, ChordFrame
+from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._laws import law_tension
 from cablepod.integrate._means import Means, means, wants_means
 from cablepod.integrate._output import Extremes
@@ -100,23 +102,81 @@ def close_chord(model: CondensedModel, q: np.ndarray, times: np.ndarray, ends: n
 
 def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarray) -> ClosedChord:
     """Return the same as :func:`close_chord` for boundary data of instants (times, columns)."""
-    from cablepod.condensed import _kernels_closure, _kernels_fields  # numba is imported only to compute
-
-    chain, k, times_and_links = model.chain, model.chain.p.stiffness, (len(q), model.chain.links)
-    deflection, squared = np.empty((chain.p.dims - 1, len(q), chain.links + 1)), np.empty(times_and_links)
-    _kernels_fields.deflections(q, model.shapes, model.n_in_plane, chain.length, deflection, squared)
-    tau = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)] @ model.chordwise_force_patterns
-    chord, chord_tension, stretch = boundary_data[:, 0].copy(), np.empty(len(q)), np.empty(times_and_links)
+    chain = model.chain
+    deflection, squared = deflections(model.shapes, model.sets, chain.length, q)
+    chord, patterns = boundary_data[:, 0], model.chordwise_force_patterns
+    tau = boundary_data[:, 1 : 1 + len(patterns)] @ patterns
     if model.order == "leading":
         reduced = squared * model.slope_factor
-        _kernels_fields.close_leading(reduced, tau, chain.length, chord, k, chord_tension, stretch)
+        chord_tension, stretch = close_leading(reduced, tau, chain.length, chord, chain.p.stiffness)
     else:
-        stretch[0], chord_tension[0] = (
-            model.stretch_guess(boundary_data[0]),
-            model.tension_guess(boundary_data[0], q[0]),
+        from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
+
+        stretch, chord_tension = np.empty_like(squared), np.empty(len(q))
+        stretch[0] = model.stretch_guess(boundary_data[0])
+        chord_tension[0] = model.tension_guess(boundary_data[0], q[0])
+        kernel.close_all(
+            squared, tau, chain.length, chord.copy(), chain.p.stiffness, model.green, chord_tension, stretch
         )
-        _kernels_closure.close_all(squared, tau, chain.length, chord, k, model.green, chord_tension, stretch)
     return stretch, chord_tension[:, None] + tau, squared, deflection
+
+
+def deflections(
+    shapes: np.ndarray, sets: Sequence[slice], length: np.ndarray, q: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sum shapes to deflections w = q . shapes; return them, and their squared slopes w'^2, summed over the normals.
+
+    All arrays may have leading dimensions of members.
+
+    Parameters
+    ----------
+    shapes, sets
+        Shapes (r, particle), and slices of them for each normal.
+    length
+        Unstretched lengths of the links (n,) [m].
+    q
+        Coordinates (times, r).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Deflections (normals, times, particle) [m], the normals before the members; squared slopes (times, n).
+    """
+    deflection = np.empty((len(sets), *q.shape[:-1], shapes.shape[-1]))
+    for w, which in zip(deflection, sets, strict=True):
+        np.matmul(q[..., which], shapes[..., which, :], out=w)
+    slope = np.diff(deflection)
+    slope /= length[..., None, :]
+    slope *= slope
+    return deflection, slope[0] if len(sets) == 1 else slope.sum(axis=0)
+
+
+def close_leading(
+    squared: np.ndarray, tau: np.ndarray, length: np.ndarray, chord: np.ndarray, stiffness: float | np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Close the chord to leading order: zeta' = 1 + (H + tau) / K - w'^2 / 2, whose integral is the chord.
+
+    All arrays may have leading dimensions of members.
+
+    Parameters
+    ----------
+    squared, tau
+        Squared slopes, and chordwise forces of the loads [N] (times, n).
+    length, chord, stiffness
+        Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K, a number or (1,) [N].
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        H (times,) [N] and chordwise stretch zeta' (times, n).
+    """
+    total = length.sum(axis=-1, keepdims=True)
+    share = (length / total)[..., None]
+    chord_tension = stiffness * (chord / total - 1.0 + 0.5 * (squared @ share)[..., 0]) - (tau @ share)[..., 0]
+    stretch = (chord_tension[..., None] + tau) / np.asarray(stiffness)[..., None]
+    stretch -= 0.5 * squared
+    stretch += 1.0
+    return chord_tension, stretch
 
 
 def close_outputs(
@@ -148,19 +208,27 @@ def positions(model: CondensedModel, q: np.ndarray, times: np.ndarray) -> np.nda
 
 def positions_of(model: CondensedModel, stretch: np.ndarray, deflection: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Return positions (times, particle, dims) [m] for chordwise stretch (times, n), deflections and positions of the ends."""
-    from cablepod.condensed import _kernels_fields as kernel
+    along = running_sum(stretch * model.chain.length)
+    return joined(ends, model.reference, along, deflection)
 
-    position = np.empty((*deflection.shape[1:], model.chain.p.dims))
-    length, reference = model.chain.length, model.reference
-    if not kernel.positions(ends, reference, MAX_COSINE, stretch, length, deflection, position):
-        ChordFrame.of(ends[:, 1] - ends[:, 0], reference)  # raises the error that says why
+
+def joined(ends: np.ndarray, reference: int, along: np.ndarray, deflection: np.ndarray) -> np.ndarray:
+    """Return positions (times, particle, dims) [m] from distances along the chord and deflections [m].
+
+    Raises
+    ------
+    SceneError
+        Where there is no chord frame at some instant.
+    """
+    position = ChordFrame.of(ends[:, 1] - ends[:, 0], reference).join(ends[:, 0], along, deflection)
+    position[:, -1] = ends[:, 1]  # free of rounding, and of modes that are not exactly zero there
     return position
 
 
-def _running_sum(parts: np.ndarray) -> np.ndarray:
-    """Sum parts of the links (times, n) up to each particle (times, n + 1)."""
-    result = np.zeros((len(parts), parts.shape[1] + 1))
-    np.cumsum(parts, axis=1, out=result[:, 1:])
+def running_sum(parts: np.ndarray) -> np.ndarray:
+    """Sum parts of the links (..., n) up to each particle (..., n + 1)."""
+    result = np.zeros((*parts.shape[:-1], parts.shape[-1] + 1))
+    np.cumsum(parts, axis=-1, out=result[..., 1:])
     return result
 
 
@@ -191,7 +259,7 @@ def velocities(
     compliance, jacobian = _stretch_derivatives(model, stretch, (slope * slope).sum(axis=0))
     stretch_rate = -jacobian * (slope * slope_rate).sum(axis=0)
     stretch_rate += compliance * ((chord_rate - stretch_rate @ chain.length) / (compliance @ chain.length))[:, None]
-    along, along_rate = _running_sum(stretch * chain.length), _running_sum(stretch_rate * chain.length)
+    along, along_rate = running_sum(stretch * chain.length), running_sum(stretch_rate * chain.length)
     velocity = (
         end_velocities[:, :1]
         + along_rate[:, :, None] * frame.along[:, None]
@@ -225,7 +293,11 @@ def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, l
     tables = (np.ascontiguousarray(table[:, links]) for table in (model.slopes, model.chordwise_force_patterns))
     slopes, patterns = tables
     q = np.ascontiguousarray(q)
-    kernel.link_tensions(model.terms, model.boundary_data_at(times), q, slopes, model.n_in_plane, patterns, tension)
+    terms, rows = LeadingTerms(*(array[None] for array in model.terms)), model.boundary_data_at(times)
+    tables = (array[None] for array in (rows, q, slopes))
+    kernel.link_tensions(
+        terms, *tables, model.n_in_plane, patterns[None], np.empty(1), np.zeros(1, dtype=int), tension[None]
+    )
     return tension
 
 

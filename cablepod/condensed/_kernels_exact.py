@@ -129,7 +129,7 @@ def exact_force(terms, row, q, v, guess, stretch, work, f, tangent, mass):
     terms, work
         See :mod:`cablepod.condensed._kernels_layout`.
     row
-        Boundary data of one instant, see :func:`cablepod.condensed._kernels_frame.frames`.
+        Boundary data of one instant, see :func:`cablepod.condensed._frame.chord_and_loads`.
     q, v
         Coordinates and rates (r,); rates only count with chordwise inertia.
     guess
@@ -228,7 +228,7 @@ def exact_verlet(
     damped, rate_terms, air, begin, record, monitor
         As in :func:`cablepod.condensed._kernels_explicit.verlet`.
     boundary_data
-        See :func:`cablepod.condensed._kernels_frame.frames`; one row for each step.
+        See :func:`cablepod.condensed._frame.chord_and_loads`; one row for each step.
     state
         Coordinates, rates half a step before, and accelerations of the last step (3, r); changed.
     stretch

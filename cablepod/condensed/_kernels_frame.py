@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cablepod._jit import compiled
 
 
@@ -32,116 +30,23 @@ def _complete_axes(axes, dims, reference):
     return chord
 
 
-@compiled(inline="always")
-def _planar_frames(ends, end_accelerations, load, point_loads, mass, boundary_data):
-    """Fill the boundary data of planar scenes as :func:`frames` does, bit for bit, four times as fast (numbers in registers)."""
-    moving = end_accelerations.shape[1] > 0
-    first_point = 3 if moving else 2
-    patterns = first_point - 1 + point_loads.shape[0]
-    for i in range(boundary_data.shape[0]):
-        x, y = ends[0, i] - ends[2, i], ends[1, i] - ends[3, i]  # from the upper end to the lower one
-        chord = math.sqrt(x * x + y * y)
-        inverse = 1.0 / chord
-        x *= inverse
-        y *= inverse
-        k = i if load.shape[1] > 1 else 0
-        effective_x, effective_y = load[0, k], load[1, k]
-        if moving:
-            effective_x -= mass * end_accelerations[0, i]
-            effective_y -= mass * end_accelerations[1, i]
-            growing_x, growing_y = (
-                mass * (end_accelerations[0, i] - end_accelerations[2, i]),
-                mass * (end_accelerations[1, i] - end_accelerations[3, i]),
-            )
-            boundary_data[i, 2] = growing_x * x + growing_y * y
-            boundary_data[i, 2 + patterns] = growing_x * y - growing_y * x
-        boundary_data[i, 0] = chord
-        boundary_data[i, 1] = effective_x * x + effective_y * y
-        boundary_data[i, 1 + patterns] = effective_x * y - effective_y * x
-        k = i if point_loads.shape[2] > 1 else 0
-        for j in range(point_loads.shape[0]):
-            boundary_data[i, first_point + j] = point_loads[j, 0, k] * x + point_loads[j, 1, k] * y
-            boundary_data[i, first_point + patterns + j] = point_loads[j, 0, k] * y - point_loads[j, 1, k] * x
-
-
-@compiled
-def frames(ends, end_accelerations, load, point_loads, reference, mass, boundary_data):
-    """Compute chord length and projected loads for each step.
-
-    Parameters
-    ----------
-    ends
-        Positions of the ends, all coordinates of the lower one first (2 dims, steps) [m].
-    end_accelerations
-        Their accelerations, plus mass damping times their velocities (2 dims, steps) [m/s^2]; no columns where no end moves.
-    load, point_loads
-        Uniform load with weight (dims, steps or 1) [N/m]; point loads (loads, dims, steps or 1) [N].
-    reference
-        Axis that defines the normals in spatial scenes: the first normal is the one closest to it.
-    mass
-        Mass per unstretched length [kg/m].
-    boundary_data
-        Filled: (steps, 1 + patterns dims): chord length [m], then the load patterns along the chord from the upper end to the
-        lower one, then those along each normal.  Patterns: uniform load, inertia that grows with sigma (moving ends only)
-        [N/m], point loads [N].
-    """
-    dims, n_points = load.shape[0], point_loads.shape[0]
-    if dims == 2:
-        _planar_frames(ends, end_accelerations, load, point_loads, mass, boundary_data)
-        return
-    moving = end_accelerations.shape[1] > 0
-    first_point = 3 if moving else 2
-    patterns = first_point - 1 + n_points
-    work = np.zeros((5, 3))
-    axes, effective_load, growing_load = (
-        work[:3],
-        work[3],
-        work[4],
-    )  # direction from the upper end to the lower one, both normals
-    for i in range(boundary_data.shape[0]):
-        for d in range(dims):
-            axes[0, d] = ends[d, i] - ends[dims + d, i]
-        boundary_data[i, 0] = _complete_axes(axes, dims, reference)
-        k = i if load.shape[1] > 1 else 0
-        for d in range(dims):
-            effective_load[d] = load[d, k]
-            if moving:
-                effective_load[d] -= mass * end_accelerations[d, i]
-                growing_load[d] = mass * (end_accelerations[d, i] - end_accelerations[dims + d, i])
-        column = 1
-        for axis in range(dims):
-            along, growing = 0.0, 0.0
-            for d in range(dims):
-                along += effective_load[d] * axes[axis, d]
-                growing += growing_load[d] * axes[axis, d]
-            boundary_data[i, column] = along
-            if moving:
-                boundary_data[i, column + 1] = growing
-            column += patterns
-        k = i if point_loads.shape[2] > 1 else 0
-        for j in range(n_points):
-            for axis in range(dims):
-                along = 0.0
-                for d in range(dims):
-                    along += point_loads[j, d, k] * axes[axis, d]
-                boundary_data[i, first_point + axis * patterns + j] = along
-
-
-# --- lanes: members side by side, in the last dimension of all arrays ---------------------------------------------------
-
-
 @compiled(noalias=True, forceinline=True)
 def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, rows, at):
-    """Fill the boundary data of one step of planar members, as :func:`frames` does for many steps of one.
+    """Fill chord lengths and projected loads in the plane, side by side: of members at a step, or of a cable at many instants.
 
     Parameters
     ----------
     lanes, patterns
-        Tuples with an entry for each lane and load pattern: two patterns where ends move, one where none does.
-    ends, end_accelerations, load, mass
-        As in :func:`frames`, for one step: (4, lanes), (4, lanes), (2, lanes), (lanes,).
+        Sequences with an entry for each lane and load pattern: two patterns where ends move, one where none does.
+    ends, end_accelerations
+        Coordinates of the ends, all of the lower one first (4, lanes) [m]; their accelerations, plus mass damping times their
+        velocities (4, lanes) [m/s^2].
+    load, mass
+        Uniform load with weight (2, lanes) [N/m], mass per unstretched length (lanes,) [kg/m].
     rows, at
-        Boundary data (steps, columns, lanes), flat, and the index of the step there; filled.
+        Boundary data (steps, columns, lanes), flat, and the index of the step there; filled.  Columns: chord length [m], then the
+        load patterns along the chord from the upper end to the lower one, then those along each normal: uniform load, inertia
+        that grows with the relative arc length [N/m].
     """
     width, count = len(lanes), len(patterns)
     for m in range(width):

@@ -382,7 +382,7 @@ def end_forces(coefficients, q, boundary_data, ends, f, axes, tension, force):
     coefficients
         See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; the lower end is that of `ends`.
     q, boundary_data
-        Coordinates (times, r); rows of :func:`cablepod.condensed._kernels_frame.frames` at the same instants.
+        Coordinates (times, r); rows of :func:`cablepod.condensed._frame.chord_and_loads` at the same instants.
     ends
         Positions of the ends (times, 2, dims) [m].
     f, axes, tension

@@ -40,7 +40,7 @@ def boundary_data_of_lanes(
     ends, accelerations
         Coordinates of the ends at rest [m], and zeros (2 dims, lanes); changed.
     rows
-        Filled: (steps + 1, columns, lanes), flat, columns as in :func:`cablepod.condensed._kernels_frame.frames`.
+        Filled: (steps + 1, columns, lanes), flat, columns as in :func:`cablepod.condensed._frame.chord_and_loads`.
     """
     turns, waves, axes = work
     ramped, columns = steps_of_ramps(motions, steps_per_second), rows.size // (steps + 1)

@@ -171,26 +171,7 @@ class Record(NamedTuple):
 
 #: Number of samples of the error equation that are computed side by side (a multiple of the vectors of processors; no power of
 #: two, as rows would then share lines of the cache), of fields at the points, and of sums over them.
-BLOCK, FIELDS, SUMS = 136, 13, 6
-
-
-class ErrorWork(NamedTuple):
-    """Work arrays of the samples that are computed side by side."""
-
-    loads: np.ndarray  #: loads along the chord (patterns, BLOCK)
-    motion: np.ndarray  #: coordinates, rates and accelerations (3, r, BLOCK)
-    fields: np.ndarray  #: at the points (FIELDS, m, BLOCK)
-    sums: np.ndarray  #: over the points (SUMS, BLOCK)
-    own: np.ndarray  #: enriched coordinates (R, BLOCK)
-    forces: np.ndarray  #: on these (R, BLOCK)
-    tension: np.ndarray  #: H of a sample (1,)
-
-    @classmethod
-    def of(cls, terms: ErrorTerms) -> ErrorWork:
-        """Return work arrays for a number of points and coordinates."""
-        (size, r), (m, patterns) = terms.change.shape, terms.force_patterns.shape
-        shapes = (patterns, BLOCK), (3, r, BLOCK), (FIELDS, m, BLOCK), (SUMS, BLOCK), (size, BLOCK), (size, BLOCK), (1,)
-        return cls(*map(np.empty, shapes))
+BLOCK, FIELDS, SUMS = 136, 6, 6
 
 
 class ExactTerms(NamedTuple):
@@ -218,7 +199,10 @@ class ExactWork(NamedTuple):
 
 
 class ErrorTerms(NamedTuple):
-    """Coefficients of the error equation: of the enriched model, R coordinates, and of points along the cable."""
+    """Coefficients of the error equation: of the enriched model, R coordinates, and of points along the cable.
+
+    All arrays have a leading dimension of members.
+    """
 
     sizes: Sizes  #: of the enriched model, one lane
     enriched: LeadingTerms
@@ -230,7 +214,7 @@ class ErrorTerms(NamedTuple):
     in_plane: int  #: number of the motion's in-plane coordinates
     enriched_in_plane: int  #: the same of the enriched model
     inertia: np.ndarray  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_closure._chordwise_momentum`
-    damping: Any  #: by mass, a number [1/s]
+    damping: np.ndarray  #: by mass, a number of each member [1/s]
     green: bool  #: whether law (21) holds
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure

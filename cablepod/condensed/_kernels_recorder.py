@@ -15,7 +15,7 @@ from cablepod.condensed._kernels_layout import (
     UNSTABLE_STEP,
     Sizes,
 )
-from cablepod.condensed._kernels_terms import _chord_tensions
+from cablepod.condensed._kernels_terms import _chord_tensions, _of_member
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
@@ -95,25 +95,29 @@ def _update_extremes(sizes, links, rows, at, q, tension):
             links.high[k] = value if value > links.high[k] else links.high[k]
 
 
-@compiled(fastmath=REORDERED_FUSED)
-def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, tension):
-    """Fill the tensions of links (times, links) [N] of one lane for coordinates q (times, r), see :func:`_update_extremes`.
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, chord_tension, rows, tension):
+    """Fill the tensions of links of members (rows, times, links) [N] for coordinates q, see :func:`_update_extremes`.
 
-    `boundary_data` are those of the instants (times, columns), the other tables as in
-    :class:`cablepod.condensed._kernels_layout.Links`, with one lane.
+    Arrays have a leading dimension of members: boundary data of the instants (times, columns), q (times, r), the other tables as
+    in :class:`cablepod.condensed._kernels_layout.Links`, with one lane; `rows` are those of the members in `tension` (members,).
+    `chord_tension` (1,) is a work array.
     """
-    times, r = q.shape
-    chord_tension = np.empty(1)
-    sizes = Sizes((0,), q[0], terms.mean_chordwise_forces, chord_tension)  # the loads along the normals do not count
-    for t in range(times):
-        _chord_tensions(sizes, terms, boundary_data[t], 0, q[t], chord_tension)
-        for j in range(tension.shape[1]):
-            across, out_of_plane, force = 0.0, 0.0, chord_tension[0]
-            for i in range(r):
-                if i < in_plane:
-                    across += slopes[i, j] * q[t, i]
-                else:
-                    out_of_plane += slopes[i, j] * q[t, i]
-            for a in range(force_patterns.shape[0]):
-                force += boundary_data[t, 1 + a] * force_patterns[a, j]
-            tension[t, j] = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)
+    _, times, r = q.shape
+    for m in range(q.shape[0]):
+        own = _of_member(terms, m)
+        sizes = Sizes(
+            (0,), q[m, 0], own.mean_chordwise_forces, chord_tension
+        )  # the loads along the normals do not count
+        for t in range(times):
+            _chord_tensions(sizes, own, boundary_data[m, t], 0, q[m, t], chord_tension)
+            for j in range(tension.shape[2]):
+                across, out_of_plane, force = 0.0, 0.0, chord_tension[0]
+                for i in range(r):
+                    if i < in_plane:
+                        across += slopes[m, i, j] * q[m, t, i]
+                    else:
+                        out_of_plane += slopes[m, i, j] * q[m, t, i]
+                for a in range(force_patterns.shape[1]):
+                    force += boundary_data[m, t, 1 + a] * force_patterns[m, a, j]
+                tension[rows[m], t, j] = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)

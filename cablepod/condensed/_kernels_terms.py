@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
+from cablepod.condensed._kernels_layout import LeadingTerms
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
@@ -78,3 +79,12 @@ def _fill_tangent(terms, rows, at, q, tension, tangent):
             for j in range(size):
                 tangent[i, j] += load * terms.geometric_stiffness[(a * size + i) * size + j]
         tangent[i, i] += tension * terms.kappa[i]
+
+
+@compiled(literal=False, counted=False, forceinline=True)
+def _of_member(terms, member):
+    """Return the coefficients of one member from arrays with a leading dimension; for kernels that count no references."""
+    return LeadingTerms(
+        terms.stiffness[member], terms.inverse_length[member], terms.sag_stiffness[member], terms.kappa[member],
+        terms.mean_chordwise_forces[member], terms.geometric_stiffness[member], terms.load_projection[member],
+    )  # fmt: skip

@@ -11,19 +11,15 @@ import numpy as np
 from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
+from cablepod.condensed._newton import equilibria
 from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.parameters._parameters import Parameters
 
-#: Relative tolerance of the equilibrium: last Newton correction over the initial deflection.
-EQUILIBRIUM_RTOL = 1e-9
-#: Relative Newton correction below which only rounding is left.
-ROUNDING_RTOL = 1e-14
-#: Maximum number of Newton iterations for the equilibrium.
-MAX_ITERATIONS = 60
 #: Number of scenes whose longest chords are kept.
 KEPT_CHORDS = 64
 
@@ -33,7 +29,7 @@ class CondensedModel(Coefficients):
     """Condensed model of a cable: quasi-static along the chord, modes for the deflection normal to it.
 
     Boundary data of an instant: chord length [m], loads along the chord and loads along each normal, one per pattern [N/m]
-    (point loads [N]); see :func:`cablepod.condensed._kernels_frame.frames`.
+    (point loads [N]); see :func:`cablepod.condensed._frame.chord_and_loads`.
     """
 
     def boundary_data(self, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
@@ -59,8 +55,6 @@ class CondensedModel(Coefficients):
 
         The instants are the steps `begin` ... `begin + steps`, or, with 0 steps per second, the times `begin` [s].
         """
-        from cablepod.condensed import _kernels_frame as kernel  # numba is imported only to compute
-
         p = self.chain.p
 
         def factor(function: Any) -> np.ndarray:
@@ -69,16 +63,17 @@ class CondensedModel(Coefficients):
         load = p.weight[:, None] if p.load is None else (p.weight + p.load)[:, None]
         if p.load is not None and p.load_factor is not None:
             load = p.weight[:, None] + p.load[:, None] * factor(p.load_factor)
-        varying = any(point.factor is not None for point in p.point_loads)
-        points = np.empty((len(p.point_loads), p.dims, ends.shape[1] if varying else 1))
-        for target, point in zip(points, p.point_loads, strict=True):
-            target[:] = point.force[:, None] * (1.0 if point.factor is None else factor(point.factor))
+        points = [
+            point.force[:, None] * (np.ones(1) if point.factor is None else factor(point.factor))
+            for point in p.point_loads
+        ]
         instants = ends.shape[1]
-        if not accelerations.shape[1] and load.shape[1] == 1 and not varying:  # the same at all instants
-            ends = ends[:, :1]
-        boundary_data = np.empty((ends.shape[1], 1 + len(self.load_patterns) * p.dims))
-        kernel.frames(ends, accelerations, np.ascontiguousarray(load), points, self.reference, p.mass, boundary_data)
-        return boundary_data if len(boundary_data) == instants else np.repeat(boundary_data, instants, axis=0)
+        if not accelerations.shape[1] and all(
+            values.shape[1] == 1 for values in (load, *points)
+        ):  # the same at all instants
+            ends = ends[:, :1].copy()
+        rows = chord_and_loads(ends, accelerations, load, p.mass, self.reference, points)
+        return rows if len(rows) == instants else np.repeat(rows, instants, axis=0)
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, times, particle) [m] onto the coordinates (times, r)."""
@@ -160,27 +155,13 @@ class CondensedModel(Coefficients):
     def equilibrium(self, q: np.ndarray) -> np.ndarray | None:
         """Find the equilibrium near q by Newton's method; None where it fails, or converges to another one."""
         static = self.static_boundary_data
-        if self.order == "leading":
-            from cablepod.condensed import _kernels_leading as kernel
 
-            q = q.copy()
-            work = np.empty_like(q), np.empty_like(q), np.empty((q.size, q.size)), np.empty(1)
-            return q if kernel.leading_rest(self.terms, static, q, *work) else None
-        scale, first = np.abs(q).max(), q
-        for _ in range(MAX_ITERATIONS):
-            force, tangent, *_ = self._forces(q, np.zeros_like(q), static)
-            try:
-                change = np.linalg.solve(tangent, force)
-            except np.linalg.LinAlgError:
-                return None
-            q = q + change
-            if not np.isfinite(q).all() or np.abs(q).max() > 10.0 * scale:
-                return None
-            if np.abs(change).max() <= ROUNDING_RTOL * scale:
-                break
-        # an equilibrium further away than the deflection is that of the cable turned over
-        converged = np.abs(change).max() <= EQUILIBRIUM_RTOL * scale and np.abs(q - first).max() <= scale
-        return q if converged else None
+        def forces(unknowns: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            force, tangent, _mass, _tension = self._forces(unknowns[0], np.zeros_like(q), static)
+            return force[None], tangent[None]
+
+        found, is_near = equilibria(q[None], forces)
+        return found[0] if is_near[0] else None
 
     @cached_property
     def damping_matrix(self) -> np.ndarray:
@@ -276,8 +257,8 @@ class CondensedModel(Coefficients):
         r = q.size
         f, tangent, mass = np.empty(r), np.empty((r, r)), np.eye(r)
         if self.order == "leading":
-            tension = np.empty(1)
-            kernel_leading.leading_force(self.terms, boundary_data, q, f, tangent, tension)
+            tension, terms = np.empty(1), LeadingTerms(*(array[None] for array in self.terms))
+            kernel_leading.leading_forces(terms, boundary_data[None], q[None], f[None], tangent[None], tension)
             return f, tangent, mass, float(tension[0])
         m = self.rule[2].size
         work = ExactWork(np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,10 +91,11 @@ class CondensedStepper:
         self.monitor = initial_monitor(run.stable_phase**2 * steps_per_second**2, run.start.chord_tension)
         self.wants_extremes = "tension_extremes" in run.outputs
         # to leading order a tension needs no other link, with the exact stretch it does
-        chosen = np.arange(model.chain.links) if run.links is None or not run.leading else run.links
+        chosen: Any = slice(None) if run.links is None or not run.leading else run.links
         if not self.wants_extremes:
-            chosen = chosen[:0]
-        self.low, self.high = np.full(chosen.size, np.inf), np.full(chosen.size, -np.inf)
+            chosen = slice(0)
+        links = model.chain.length[chosen].size
+        self.low, self.high = np.full(links, np.inf), np.full(links, -np.inf)
         self.modal_damping = model.damping_matrix.reshape(-1)  #: flat, without entries where there is none
         #: Coordinates, rates and damped accelerations (3, r); an explicit run to leading order has a state of its own.
         self.state = self._initial_state()
@@ -103,10 +104,8 @@ class CondensedStepper:
         #: Chordwise stretch: first guess for the next step, and that of the last one (2, m); empty to leading order.
         self.stretch = np.empty((2, 0))
         if run.leading:
-            slopes, patterns = (
-                np.ascontiguousarray(table[:, chosen]) for table in (model.slopes, model.chordwise_force_patterns)
-            )
-            self.links = Links.of(slopes, model.n_in_plane, patterns, self.low, self.high)
+            patterns = model.chordwise_force_patterns[:, chosen]
+            self.links = Links.of(model.slopes[:, chosen], model.n_in_plane, patterns, self.low, self.high)
         else:
             self.stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
         self.bounds = model.bounds()
@@ -138,7 +137,7 @@ class CondensedStepper:
             growth = damped_growth(damping, self.step)
             impulse_back = 0.5 * self.step if not damping else growth / damping
             rates = start.rates * (1.0 + growth) - impulse_back * acceleration
-        return np.stack([start.q, rates, acceleration - damping * start.rates])
+        return np.array([start.q, rates, acceleration - damping * start.rates])
 
     def _terms_of_rates(self) -> tuple[RateTerms | None, RunAir | None]:
         """Return damping beside that by mass, and air; None where there is neither."""

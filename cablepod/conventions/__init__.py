@@ -15,6 +15,7 @@ from cablepod.conventions._datasets import (
     is_in_memory,
     label,
     labelled_dataset,
+    plain_indexes,
     shared_coordinates,
 )
 from cablepod.conventions._orders import ORDERED, is_in_order, is_rising
@@ -57,5 +58,6 @@ __all__ = [
     "label",
     "labelled_dataset",
     "names_in_air",
+    "plain_indexes",
     "shared_coordinates",
 ]

@@ -242,8 +242,12 @@ class ChainRun:
 
     def motion(self, state: Trajectory) -> float:
         """Return the largest rms displacement, or the chord if nothing moves [m]."""
+        return self.motion_of(self.compared(state.position))
+
+    def motion_of(self, compared: np.ndarray) -> float:
+        """Return the same of positions at the points at which runs are compared."""
         chord = float(np.linalg.norm(self.chain.p.upper - self.chain.p.lower))
-        return motion_scale(self.compared(state.position), self.compared(self.initial), chord)
+        return motion_scale(compared, self.compared(self.initial), chord)
 
     def slackens(self, state: Trajectory) -> bool:
         """Whether links go slack, which are kinks of the linear law only."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.condensed._fields import link_tensions
+from cablepod.condensed._fields import close_leading, link_tensions
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import State
@@ -66,19 +66,18 @@ def close_chord(
     model: PeriodicModel, q: np.ndarray, omega: float, phase: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return chordwise stretch, chordwise force [N] and squared slopes (phases, n)."""
-    from cablepod.condensed import _kernels_closure, _kernels_fields  # numba is imported only to compute
-
     condensed, chain = model.condensed, model.condensed.chain
     data = boundary_data(model, omega, phase)
     slopes = np.diff(deflections(model, q), axis=2) / chain.length
     squared = (slopes**2).sum(axis=0)
     tau = data[:, 1 : 1 + len(condensed.load_patterns)] @ condensed.chordwise_force_patterns
-    chord, tension, stretch = data[:, 0].copy(), np.empty(len(q)), np.empty_like(squared)
     k = chain.p.stiffness
     if condensed.order == "leading":
-        reduced = squared * condensed.slope_factor
-        _kernels_fields.close_leading(reduced, tau, chain.length, chord, k, tension, stretch)
+        tension, stretch = close_leading(squared * condensed.slope_factor, tau, chain.length, data[:, 0], k)
     else:
+        from cablepod.condensed import _kernels_closure  # numba is imported only to compute
+
+        chord, tension, stretch = data[:, 0].copy(), np.empty(len(q)), np.empty_like(squared)
         stretch[0], tension[0] = (
             condensed.stretch_guess(data[0]),
             condensed.tension_guess(data[0], q[0, : condensed.slope_norms_squared.size]),

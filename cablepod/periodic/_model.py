@@ -234,13 +234,12 @@ class PeriodicModel:
     @cached_property
     def tangent_at_rest(self) -> np.ndarray:
         """Stiffness at rest (r, r) [1/s^2], to leading order."""
-        from cablepod.condensed._kernels_leading import leading_force  # numba is imported only to compute
+        from cablepod.condensed._kernels_leading import leading_forces  # numba is imported only to compute
 
-        tangent = np.empty((self.size, self.size))
-        leading_force(
-            self._terms_si, self.condensed.static_boundary_data, self.rest, np.empty(self.size), tangent, np.empty(1)
-        )
-        return tangent
+        terms = LeadingTerms(*(array[None] for array in self._terms_si))
+        force, tangent = np.empty((1, self.size)), np.empty((1, self.size, self.size))
+        leading_forces(terms, self.condensed.static_boundary_data[None], self.rest[None], force, tangent, np.empty(1))
+        return tangent[0]
 
     @cached_property
     def _terms_si(self) -> LeadingTerms:

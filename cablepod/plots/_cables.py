@@ -298,7 +298,8 @@ def _middles(run: xr.Dataset, tension: xr.DataArray) -> np.ndarray:
     sigma = _style.sigma("run", run)
     if "link_arc_length" in tension.coords:
         arc = _style.take("run", run, "arc_length", ("particle",), _style.TRAJECTORY).values
-        return np.asarray((tension["link_arc_length"].values - arc[0]) / (arc[-1] - arc[0]))
+        links = _style.take("run", run, "link_arc_length", ("link",), _style.TRAJECTORY).values
+        return np.asarray((links - arc[0]) / (arc[-1] - arc[0]))
     middles = 0.5 * (sigma[1:] + sigma[:-1])
     if middles.size == tension.sizes["link"]:
         return middles

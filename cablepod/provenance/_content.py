@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cablepod.conventions import is_in_memory
+from cablepod.conventions import is_in_memory, plain_indexes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,6 +32,8 @@ DIGITS, PERIOD = 16, 4096
 UNKNOWN = ""
 #: Number of rows that are read at once of a variable that is not in memory.
 ROWS = 256
+#: Texts of values and of tables that are hashed; ``json.dumps`` would make such an object in each call.
+PLAIN, SORTED = json.JSONEncoder(default=str), json.JSONEncoder(sort_keys=True, default=str)
 
 
 # --- variables ------------------------------------------------------------------------------------------------------------
@@ -46,46 +48,38 @@ class VariableContent:
 
     def __init__(self, variable: xr.Variable) -> None:
         kind = variable.dtype.kind
-        self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
-        self.dtype = variable.dtype.newbyteorder("<")
+        self.shape, self.is_text, self.is_real = variable.shape, not _has_bytes(variable.dtype), kind == "f"
+        self.dtype = variable.dtype if self.is_text else variable.dtype.newbyteorder("<")
         has_attrs = variable.attrs and not self.is_text  # texts have no units
         attrs = _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) if has_attrs else {}
         kind = "text" if self.is_text else self.dtype.str
         head = [[*map(str, variable.dims)], [*variable.shape], kind, attrs]
-        self._hash = hashlib.sha256(json.dumps(head, sort_keys=True, default=str).encode())
+        self._hash = hashlib.sha256(SORTED.encode(head).encode())
         self._largest, self._sum, self._done = 0.0, 0.0, 0
 
-    def update(self, slab: np.ndarray, *, sums: bool = True) -> VariableContent:
-        """Add the next values; return the content."""
+    def update(self, slab: Any, *, sums: bool = True) -> VariableContent:
+        """Add the next values, an array or an index of pandas; return the content."""
         if self.is_text:
-            self._hash.update(json.dumps(slab.tolist(), default=str).encode())
+            self._hash.update(PLAIN.encode(slab.tolist()).encode())
             return self
         values = np.ascontiguousarray(slab, self.dtype)
         if not self.is_real:
-            self._hash.update(values.tobytes())
+            self._hash.update(_bytes(values))
             return self
         flat = values.reshape(-1)
-        with np.errstate(over="ignore", invalid="ignore"):
-            finite = math.isfinite(
-                np.add.reduce(flat)
-            )  # many times as fast as a mask, and no threads of BLAS to wait for
+        finite = math.isfinite(largest := _largest(flat))  # many times as fast as a mask
         if not finite and (missing := np.isnan(flat)).any():
             flat = np.where(missing, self.dtype.type(np.nan), flat)  # a file keeps no other bits of nan
-        self._hash.update(flat.data)
+        self._hash.update(_bytes(flat) if self.dtype.char == "g" else flat.data)
         if sums:
-            self._add(flat if finite else np.where(np.isfinite(flat), flat, 0.0))
+            if not finite:
+                flat = np.where(np.isfinite(flat), flat, 0.0)
+                largest = _largest(flat)
+            self._largest = max(self._largest, largest)
+            with np.errstate(over="ignore", invalid="ignore"):
+                self._sum += weighted_sum(flat, self._done)
+            self._done += flat.size
         return self
-
-    def _add(self, flat: np.ndarray) -> None:
-        if flat.size == 0:
-            return
-        if flat.size > 1:
-            self._largest = max(self._largest, float(flat.max()), -float(flat.min()))
-        else:
-            self._largest = max(self._largest, abs(float(flat[0])))
-        with np.errstate(over="ignore", invalid="ignore"):
-            self._sum += weighted_sum(flat, self._done)
-        self._done += flat.size
 
     @property
     def hash(self) -> str:
@@ -98,6 +92,14 @@ class VariableContent:
         if not self.is_real:
             return [self.hash, shape]
         return [self.hash, shape, self._largest, self._sum if math.isfinite(self._sum) else 0.0]
+
+
+def _largest(flat: np.ndarray) -> float:
+    """Return the largest absolute value, which is not finite where one is not; 0 without values.
+
+    The methods ``max`` and ``min`` take four times as long for a few values.
+    """
+    return max(float(flat[flat.argmax()]), -float(flat[flat.argmin()])) if flat.size else 0.0
 
 
 def weighted_sum(flat: np.ndarray, start: int = 0) -> float:
@@ -134,19 +136,22 @@ def is_chunked(variable: xr.Variable) -> bool:
     return not is_in_memory(variable) and variable.chunks is not None  # the second takes longer than the hash
 
 
-def _content_of_variable(variable: xr.Variable, *, sums: bool = True) -> VariableContent:
-    """Return the content of a variable that is not chunked; one that is computed or read on demand is not kept in memory."""
+def content_of_variable(variable: xr.Variable, labels: Any = None, *, sums: bool = True) -> VariableContent | None:
+    """Return the content of a variable, None of a chunked one; one that is read on demand is not kept in memory.
+
+    `labels` are those that :func:`cablepod.conventions.plain_indexes` gives of it.
+    """
+    if labels is not None:
+        return VariableContent(variable).update(labels, sums=sums)
+    in_memory = is_in_memory(variable)
+    if not in_memory and variable.chunks is not None:
+        return None
     content = VariableContent(variable)
-    if is_in_memory(variable) or not variable.ndim or content.is_text:
+    if in_memory or not variable.ndim or content.is_text:
         return content.update(np.asarray(variable.values), sums=sums)
     for first in range(0, variable.shape[0], ROWS):
         content.update(variable[first : first + ROWS].values, sums=sums)
     return content
-
-
-def variable_hash(variable: xr.Variable) -> str:
-    """Return the hash of a variable, :data:`UNKNOWN` of a chunked one."""
-    return UNKNOWN if is_chunked(variable) else _content_of_variable(variable, sums=False).hash
 
 
 # --- Datasets -------------------------------------------------------------------------------------------------------------
@@ -163,13 +168,11 @@ def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | No
     `contents` are those of its variables, computed if None, but not those of chunked variables.
     """
     entries: dict[str, list[Any]] = {}
-    for name, variable in dataset.variables.items():
-        if contents is not None:
-            entries[str(name)] = contents[str(name)].entry()
-        elif is_chunked(variable):
-            entries[str(name)] = [UNKNOWN, list(variable.shape)]
-        else:
-            entries[str(name)] = _content_of_variable(variable).entry()
+    indexes = plain_indexes(dataset)
+    for key, variable in dataset.variables.items():
+        name = str(key)
+        content = contents[name] if contents is not None else content_of_variable(variable, indexes.get(key))
+        entries[name] = [UNKNOWN, list(variable.shape)] if content is None else content.entry()
     attributes = own_hash(dataset)
     total = total_hash(dataset, {name: entry[0] for name, entry in entries.items()}, attributes)
     return {"hash": total, "attributes": attributes, "variables": entries}
@@ -179,13 +182,13 @@ def total_hash(dataset: xr.Dataset, hashes: Mapping[str, str], attributes: str) 
     """Return the hash of a Dataset from those of its variables and attributes; that of a scene is its :func:`digest`."""
     if is_scene(dataset):
         return digest(dataset)
-    return hashlib.sha256(json.dumps([sorted(hashes.items()), attributes]).encode()).hexdigest()[:DIGITS]
+    return hashlib.sha256(PLAIN.encode([sorted(hashes.items()), attributes]).encode()).hexdigest()[:DIGITS]
 
 
 def own_hash(dataset: xr.Dataset) -> str:
     """Return the hash of the attributes of a Dataset without those of its variables."""
     own = _lists(dataset.attrs, NOT_CONTENT)
-    return hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:DIGITS]
+    return hashlib.sha256(SORTED.encode(own).encode()).hexdigest()[:DIGITS]
 
 
 def _lists(attrs: Mapping[Any, Any], left_out: frozenset[str]) -> dict[str, list[Any]]:
@@ -212,6 +215,18 @@ def _described(name: str, dims: tuple[Any, ...], shape: tuple[int, ...]) -> byte
     return f"{name}{dims}{shape}".encode()
 
 
+def _has_bytes(dtype: Any) -> bool:
+    """Tell whether values are kept as bytes, unlike Python objects, texts, and types of pandas."""
+    return isinstance(dtype, np.dtype) and dtype.kind not in "UOT"
+
+
 def _bytes(values: np.ndarray) -> bytes:
     """Return the content of an array as bytes."""
-    return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
+    if not _has_bytes(values.dtype):
+        return str(values.tolist()).encode()
+    if values.dtype.char in "gG":  # two doubles for each number, as bytes that hold no digits have any value
+        parts = np.ascontiguousarray(values).reshape(-1).view(np.longdouble)
+        with np.errstate(over="ignore", invalid="ignore"):
+            head = parts.astype(np.float64)
+            values = np.stack([head, (parts - head).astype(np.float64)])
+    return values.tobytes()

@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cablepod.conventions import plain_indexes
 from cablepod.provenance._abridged import Abridged
 from cablepod.provenance._content import (
     DIGITS,
     UNKNOWN,
     VariableContent,
     content_of,
+    content_of_variable,
     digest,
     is_chunked,
     is_scene,
     own_hash,
     total_hash,
-    variable_hash,
 )
 from cablepod.provenance._stages import COMPACT, SORTED, merged_stages, recorded_content
 from cablepod.provenance._values import MAX_HISTORY_ITEMS, to_json
@@ -106,23 +107,24 @@ def _found(
     total: str | None = None,
 ) -> _Found:
     """Return the content of a Dataset; chunked variables have the recorded hash, with another shape one that follows from it."""
-    hashes, chunked = {}, []
+    hashes, chunked, indexes = {}, [], plain_indexes(dataset)
     for key, variable in dataset.variables.items():
         name = str(key)
-        if contents is not None:
-            hashes[name] = contents[name].hash
-        elif is_chunked(variable):
-            chunked.append(name)
-            entry = None if recorded is None else recorded["variables"].get(name)
-            if entry is None:  # nothing but the name of the dask array, which follows from how it was made
-                hashes[name] = _short([name, str(variable.data.name)])
-            else:
-                same = list(variable.shape) == entry[1]
-                hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
-                if entry[0] != UNKNOWN and not _is_read(variable):
-                    hashes[name] = _short([hashes[name], str(variable.data.name)])
+        content = (
+            contents[name] if contents is not None else content_of_variable(variable, indexes.get(key), sums=False)
+        )
+        if content is not None:
+            hashes[name] = content.hash
+            continue
+        chunked.append(name)
+        entry = None if recorded is None else recorded["variables"].get(name)
+        if entry is None:  # nothing but the name of the dask array, which follows from how it was made
+            hashes[name] = _short([name, str(variable.data.name)])
         else:
-            hashes[name] = variable_hash(variable)
+            same = list(variable.shape) == entry[1]
+            hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
+            if entry[0] != UNKNOWN and not _is_read(variable):
+                hashes[name] = _short([hashes[name], str(variable.data.name)])
     attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
 
@@ -134,10 +136,10 @@ def _is_read(variable: xr.Variable) -> bool:
 
 def _differing(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> list[str]:
     """Return the names of variables that are not the recorded ones; of those without a hash on record the shape tells."""
-    differ, before = [], recorded["variables"]
+    differ, before, variables = [], recorded["variables"], _by_text(dataset)
     for name, value in found.hashes.items():
         known, shape, *_ = before.get(name, (None, None))
-        same = list(dataset.variables[name].shape) == shape if known == UNKNOWN else value == known
+        same = list(variables[name].shape) == shape if known == UNKNOWN else value == known
         if not same:
             differ.append(name)
     return sorted(differ)
@@ -229,11 +231,16 @@ def _not_computed(found: _Found) -> dict[str, Any]:
 
 def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
     """Return the values of short variables, from which they can be made again."""
-    variables = {str(name): variable for name, variable in dataset.variables.items()}  # names need not be texts
+    variables = _by_text(dataset)
     return {name: _with_dims(variables[name]) for name in names if variables[name].size <= MAX_HISTORY_ITEMS}
+
+
+def _by_text(dataset: xr.Dataset) -> dict[str, xr.Variable]:
+    """Return the variables by their names in a history, which are texts; those of a Dataset need not be."""
+    return {str(name): variable for name, variable in dataset.variables.items()}
 
 
 def _with_dims(variable: xr.Variable) -> Any:
     """Return [dimensions, values, attributes] of a variable as JSON types; only the value of a scalar."""
     value = to_json(np.asarray(variable.values)) if variable.dims else to_json(variable.values[()])
-    return [list(variable.dims), value, dict(variable.attrs)] if variable.dims else value
+    return [list(variable.dims), value, to_json(dict(variable.attrs))] if variable.dims else value

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from results import make_modes, make_scene, make_trajectory
@@ -80,9 +81,10 @@ def test_names_that_would_be_decoded_and_types_that_change_are_refused(tmp_path)
     scene["gravity"].attrs["scale_factor"] = 2.0
     with pytest.raises(ArchiveError, match="variable 'gravity': no attribute of a file can be named 'scale_factor'"):
         write(scene, tmp_path / "it.nc")
-    for wrong in (1j, np.datetime64("2020-01-01", "ns"), np.array(["a", None], dtype=object)):
+    of_pandas = pd.array([1, None], dtype="Int64"), pd.Categorical(["a", "b"])
+    for wrong in (1j, np.datetime64("2020-01-01", "ns"), np.array(["a", None], dtype=object), *of_pandas):
         with pytest.raises(ArchiveError, match=r"variable 'wrong': \S+ cannot be written; make it numbers or strings"):
-            write(make_scene().assign(wrong=("n", np.atleast_1d(wrong))), tmp_path / "it.nc")
+            write(make_scene().assign(wrong=("n", wrong if np.ndim(wrong) else [wrong])), tmp_path / "it.nc")
     assert list(tmp_path.iterdir()) == []
 
 

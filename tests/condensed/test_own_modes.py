@@ -8,7 +8,7 @@ from prediction import own_modes
 from prediction.scenes import Case
 
 import cablepod as cp
-from cablepod.condensed._error_equation import EXTRA_MODES, enriched_modes
+from cablepod.condensed._error_coefficients import EXTRA_MODES, enriched_modes
 
 #: Particles at unequal distances.
 SIGMA = np.append(0.0, np.cumsum(1.0 + 0.5 * np.sin(np.arange(24.0))))

@@ -193,7 +193,8 @@ def test_runs_are_compared_between_the_output_times_too(soft, modes, options):
     assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.25)
     assert one.time.values.tolist() == [4.0]
     assert one.sizes["time"] == one.tension.sizes["time"] == 1
-    np.testing.assert_array_equal(one.position[-1], many.position[-1])
+    # the matrix products of one instant and of many sum in another order
+    np.testing.assert_allclose(one.position[-1], many.position[-1], rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")

@@ -10,9 +10,11 @@ import pytest
 
 import cablepod as cp
 from cablepod import examples
+from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.discretisation._interpolation import at_places
 from cablepod.integrate._coarse import driven_of
+from cablepod.integrate._space_error import FEWER_IMPLICIT_STEPS
 from cablepod.parameters._from_scene import parameters
 
 
@@ -55,8 +57,8 @@ def test_it_does_not_change_the_run_and_is_no_default(option):
     np.testing.assert_array_equal(asked.position, plain.position)
 
 
-@pytest.mark.parametrize("option", [{"step": 0.02}, {"tolerance": 1e-3}])
-def test_steps_of_an_implicit_companion_are_longer_with_its_links(option, monkeypatch):
+@pytest.mark.parametrize(("option", "share"), [({"step": 0.02}, FEWER_IMPLICIT_STEPS), ({"tolerance": 1e-3}, None)])
+def test_steps_of_an_implicit_companion_are_longer_with_its_links(option, share, monkeypatch):
     # most of the time of such a step does not depend on the number of links
     made, call = [], ImplicitChainRun.__call__
     monkeypatch.setattr(
@@ -68,7 +70,22 @@ def test_steps_of_an_implicit_companion_are_longer_with_its_links(option, monkey
     )  # fmt: skip
     (links, rate), (fewer, lower) = made[-2:]
     assert links == 20 > fewer
-    assert lower == pytest.approx(rate * fewer / links)
+    assert lower == pytest.approx(rate * (share or fewer / links))
+
+
+@pytest.mark.parametrize("links", [5, 10, 20, 40])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.65, 0.8, 0.99])
+def test_a_companion_of_a_given_explicit_step_makes_at_most_half_as_many(part, links, monkeypatch):
+    made, call = [], ExplicitChainRun.__call__
+    monkeypatch.setattr(ExplicitChainRun, "__call__", lambda run, rate: made.append((run, rate)) or call(run, rate))
+    scene = examples.scene("example3")
+    limit = cp.chain.simulate(scene, links=links, times=[0.0, 0.1], step=1e-5).attrs["step_limit"]
+    made.clear()
+    cp.chain.simulate(scene, links=links, times=[0.0, 2.0], step=part * limit, outputs=("error_estimate",))
+    (run, rate), (companion, lower) = made
+    assert companion.chain.links < run.chain.links
+    assert lower <= 0.5 * rate
+    assert 1.0 / lower <= companion.step_limit * max(0.9, part) * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("name", ["example2", "example3", "example4"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from results import make_modes, make_scene, make_trajectory
@@ -11,6 +12,7 @@ import cablepod as cp
 from cablepod import provenance
 from cablepod.integrate import _request as request
 from cablepod.provenance import _content as content
+from cablepod.provenance import _inputs as inputs
 
 
 @pytest.fixture
@@ -286,3 +288,81 @@ def test_made_variables_leave_other_datasets_alone(run):
     copy = run.copy(deep=True)
     provenance.input_of(run.assign(position=run.position + 1.0))
     xr.testing.assert_identical(run, copy)
+
+
+OF_OTHER_TYPES = {
+    "extended precision": lambda count: np.arange(count, dtype=np.longdouble) / 3,
+    "extended complex": lambda count: np.arange(count, dtype=np.clongdouble) / 3,
+    "half precision": lambda count: np.arange(count, dtype=np.float16),
+    "integers of pandas": lambda count: pd.array([None, *range(1, count)], dtype="Int64"),
+    "categories of pandas": lambda count: pd.Categorical(["a", "b"] * count)[:count],
+    "texts of numpy": lambda count: np.array(["a", "b"] * count, np.dtypes.StringDType())[:count],
+}
+
+
+@pytest.mark.parametrize("name", OF_OTHER_TYPES)
+def test_content_of_any_type_is_known(run, name):
+    values = OF_OTHER_TYPES[name](run.sizes["time"])
+    changed = values.copy()
+    changed[1] = values[2]
+    first, same, other = (run.assign(mine=("time", array)) for array in (values, values.copy(), changed))
+    ids = [cp.pod.decompose(dataset, rank=2).attrs["id"] for dataset in (first, same, other)]
+    assert ids[0] == ids[1] != ids[2]
+
+
+def test_bytes_of_extended_precision_that_hold_no_digits_do_not_count():
+    values = np.arange(5, dtype=np.longdouble) / 3
+    others = values.copy()
+    others.view(np.uint8).reshape(5, -1)[:, -1] ^= 255  # the last of 16 bytes, of which 10 are used
+    if not np.array_equal(values, others):
+        pytest.skip("all bytes hold digits here")
+    ends = [content.VariableContent(xr.Variable("time", array)).update(array).hash for array in (values, others)]
+    assert ends[0] == ends[1]
+    others[2] *= 1 + np.finfo(np.longdouble).eps
+    assert content.VariableContent(xr.Variable("time", others)).update(others).hash != ends[0]
+
+
+@pytest.mark.parametrize("name", [7, ("mine", 1)])
+def test_variables_without_a_text_for_a_name_are_inputs(run, soft, name, tmp_path):
+    cp.archive.write(run, tmp_path / "run.nc")
+    with cp.archive.read(tmp_path / "run.nc", chunks={"time": 7}) as lazy:
+        assert change_of(cp.pod.decompose(lazy.assign({name: 1.0}), rank=2))["differs"] == [str(name)]
+    scene = cp.make_scene(soft).assign({name: ("mine", [1.0, 2.0], {1: "number", "two": np.array([1, 2])})})
+    change = change_of(cp.chain.simulate(scene, step=1e-3, times=[0.0, 0.1]))
+    assert change["values"] == {str(name): [["mine"], [1.0, 2.0], {"1": "number", "two": [1, 2]}]}
+
+
+@pytest.mark.parametrize("name", [7, ("mine", 1)])
+def test_variables_without_a_text_for_a_name_are_compared_by_shape_where_their_hash_is_unknown(run, name):
+    dataset = run.assign({name: ("time", np.zeros(run.sizes["time"]))}).chunk()
+    recorded = provenance.stages_of(cp.pod.decompose(dataset, rank=2))[-2]["content"]
+    recorded["variables"][str(name)] = [content.UNKNOWN, [run.sizes["time"]]]
+    found = inputs._found(dataset, recorded, None)
+    assert inputs._differing(dataset, recorded, found) == []
+    assert inputs._differing(dataset.isel(time=slice(3)), recorded, found) != []
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [["y", "x", "é"], [3, 1, 2], [0.5, np.nan, 1e300], np.array([0.1, 0.2], "f4"), np.array(["a", None], object)],
+)
+def test_labels_have_the_content_of_their_values(labels):
+    dataset = xr.Dataset(coords={"place": ("place", labels, {"units": "m"})})
+    variable = dataset.variables["place"]
+    entry = provenance.content_of(dataset)["variables"]["place"]
+    assert entry == content.VariableContent(variable).update(variable.values).entry()
+
+
+def test_attributes_that_are_equal_numbers_of_other_types_differ():
+    hashes = {content.content_of_variable(xr.Variable((), 1.0, {"n": n})).hash for n in (1, 1.0, True)}
+    assert len(hashes) == 3
+
+
+@pytest.mark.parametrize(
+    ("values", "largest"),
+    [([-3.0, 2.0], 3.0), ([-0.0], 0.0), ([], 0.0), ([np.nan, -2.0, np.inf, 1.0], 2.0), ([np.nan], 0.0)],
+)
+def test_the_largest_value_is_that_of_the_finite_ones(values, largest):
+    entry = content.content_of_variable(xr.Variable("x", np.array(values, float))).entry()
+    assert entry[2] == largest
+    assert np.signbit(entry[2]) == np.False_

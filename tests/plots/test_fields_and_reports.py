@@ -167,6 +167,8 @@ def test_tensions_of_some_links_and_at_places_of_their_own():
     assert mesh_of(plots.tension(some)).get_coordinates()[1, 0, 1] == pytest.approx((0.15 + 0.8) / 2)
     own = run.assign_coords(link_arc_length=("link", [1.0, 5.0, 9.0]))
     assert mesh_of(plots.tension(own)).get_coordinates()[1, 0, 1] == pytest.approx(0.3)
+    with pytest.raises(SceneError, match=r"^run: link_arc_length: given the dimensions "):
+        plots.tension(own.assign_coords(link_arc_length=1.0))
 
 
 def test_phase_portraits_draw_velocity_over_displacement():

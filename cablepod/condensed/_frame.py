@@ -1,0 +1,72 @@
+"""Chord lengths and projected loads of instants or members: the boundary data of the condensed model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def chord_and_loads(
+    ends: np.ndarray,
+    accelerations: np.ndarray,
+    load: np.ndarray,
+    mass: float | np.ndarray,
+    reference: int | np.ndarray,
+    point_loads: Sequence[np.ndarray] = (),
+) -> np.ndarray:
+    """Return boundary data (instants, 1 + patterns dims).
+
+    Parameters
+    ----------
+    ends
+        Positions of the ends, all coordinates of the lower one first (2 dims, instants) [m].
+    accelerations
+        Their accelerations, plus mass damping times their velocities (2 dims, instants) [m/s^2]; no columns where no end moves.
+    load, mass
+        Uniform load with weight (dims, instants or 1) [N/m], mass per unstretched length, a number or (instants,) [kg/m].
+    reference
+        Axis that defines the normals in spatial scenes: the first normal is the one closest to it; a number or (instants,).
+    point_loads
+        Forces, (dims, instants or 1) each [N].
+
+    Returns
+    -------
+    numpy.ndarray
+        Chord length [m], then the load patterns along the chord from the upper end to the lower one, then those along each
+        normal: uniform load, inertia that grows with sigma (moving ends only) [N/m], point loads [N].
+    """
+    patterns, dims = 2 if accelerations.shape[1] else 1, load.shape[0]
+    rows = _projected(ends, accelerations, load, mass, reference)
+    if not point_loads:
+        return np.ascontiguousarray(rows.T)
+    still = np.empty((2 * dims, 0))
+    points = np.stack([_projected(ends, still, force, mass, reference)[1:] for force in point_loads], axis=1)
+    uniform = rows[1:].reshape(dims, patterns, -1)
+    loads = np.concatenate([uniform, points], axis=1).reshape(-1, ends.shape[1])
+    return np.ascontiguousarray(np.concatenate([rows[:1], loads]).T)
+
+
+def _projected(
+    ends: np.ndarray, accelerations: np.ndarray, load: np.ndarray, mass: float | np.ndarray, reference: int | np.ndarray
+) -> np.ndarray:
+    """Return chord lengths and one load projected, or two where ends move (columns, instants)."""
+    from cablepod.condensed import _kernels_frame as kernel  # numba is imported only to compute
+
+    dims, instants = load.shape[0], ends.shape[1]
+    patterns = np.empty(2 if accelerations.shape[1] else 1)
+    rows, masses = np.empty((1 + dims * patterns.size, instants)), np.empty(instants)
+    masses[:] = mass
+    loads = np.ascontiguousarray(np.broadcast_to(load, (dims, instants)))
+    if not accelerations.shape[1]:
+        accelerations = ends  # not read
+    if dims == 2:
+        kernel.planar_frames_of_lanes(masses, patterns, ends, accelerations, loads, masses, rows.reshape(-1), 0)
+        return rows
+    axes = np.zeros((3, instants))
+    axes[reference, np.arange(instants)] = 1.0
+    work = np.empty((9, instants))
+    kernel.spatial_frames_of_lanes(
+        masses, patterns, ends, accelerations, loads, masses, axes, work, rows.reshape(-1), 0
+    )
+    return rows
