@@ -21,9 +21,11 @@ from cablepod.archive._manifest import describe_ensemble
 #: Short enough to be many, so that there is time to interrupt: a member takes some hundredths of a second.
 STEP = 4e-6
 RUN = """
-import json, sys
+import json, sys, warnings
 import cablepod as cp
 from scenes import SOFT
+
+warnings.simplefilter("ignore", cp.CoarseWarning)  # eight links are few
 
 if __name__ == "__main__":
     scenes = cp.ensemble.design(cp.make_scene(SOFT), {"cable.top_tension": [200.0, 300.0]}, members=24)
