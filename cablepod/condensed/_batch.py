@@ -14,11 +14,12 @@ from cablepod.batch._computed import computed_variable
 from cablepod.batch._members import Rows, RunChunk, run_members
 from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
+from cablepod.condensed._error_equation import VALUES_AT_A_TIME
 from cablepod.condensed._fields import close_leading, deflections, joined, running_sum
 from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, rest_profile
-from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._model import CondensedModel, largest_frequencies_squared
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
@@ -33,8 +34,6 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_condensed_members
 
-#: Number of values on links that are computed at a time.
-VALUES_AT_A_TIME = 50_000
 #: Groups of lanes to take at once where members have steps of their own: those with equal steps advance together.
 STEP_GROUPS = 2
 
@@ -221,9 +220,8 @@ class MemberCoefficients:
         now = self.rows_at(everyone, start, moving=True)[:, 0]
         f, _ = forces(q, everyone, now)
         norms, kappa = scaled.named["geometric_stiffness_norms"], self.terms.kappa
-        loads = (np.abs(now[:, 1 : 1 + size]) * norms).sum(axis=1)
-        sag_stiffness = 2.0 * self.terms.sag_stiffness[:, 0] * ((kappa * q) ** 2).sum(axis=1)
-        limit = 2.0 / np.sqrt(np.abs(chord_tension) * kappa.max(axis=1) + loads + sag_stiffness)
+        stiffness = 2.0 * self.terms.sag_stiffness[:, 0]
+        limit = 2.0 / np.sqrt(largest_frequencies_squared(kappa, norms, stiffness, q, now, chord_tension))
         v = np.zeros_like(q)
         if parameters.motions:
             # the particles are at rest, the chord frame moves: its velocity is projected as its acceleration is

@@ -17,8 +17,8 @@ from cablepod.discretisation._chain import LumpedChain
 
 #: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
 START_ITERATIONS, START_RTOL = 20, 1e-9
-#: Number of values at the points that are computed at a time: larger arrays are given back to the system and fetched anew in each
-#: call, which takes longer than the products.
+#: Number of values at points or links that are computed at a time: larger arrays are given back to the system and fetched anew
+#: in each call, which takes longer than the products.
 VALUES_AT_A_TIME = 20_000
 
 

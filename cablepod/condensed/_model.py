@@ -287,10 +287,9 @@ class CondensedModel(Coefficients):
 
     def omega_max_squared(self, q: np.ndarray, boundary_data: np.ndarray, chord_tension: float) -> float:
         """Return an upper bound of the squared angular frequencies about a state [1/s^2]."""
-        kappa, norms = self.slope_norms_squared, self.geometric_stiffness_norms
-        load_frequency_bound = float(np.abs(boundary_data[1 : 1 + norms.size]) @ norms)
-        sag = self.chain.p.stiffness / self.chain.total_length * float(((kappa * q) ** 2).sum())
-        return abs(chord_tension) * float(kappa.max()) + sag + load_frequency_bound
+        chain, kappa, norms = self.chain, self.slope_norms_squared, self.geometric_stiffness_norms
+        stiffness = chain.p.stiffness / chain.total_length
+        return float(largest_frequencies_squared(kappa, norms, stiffness, q, boundary_data, chord_tension))
 
     def omega_taut_squared(self, end_time: float, intervals: int = 1000) -> float:
         """Return the largest squared angular frequency without sag, at the longest chord up to `end_time` [s], in 1/s^2."""
@@ -303,6 +302,31 @@ class CondensedModel(Coefficients):
         """Mean of the tensions of both ends at rest [N]."""
         statics = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
         return 0.5 * float(statics[4] + statics[5])
+
+
+def largest_frequencies_squared(
+    kappa: np.ndarray,
+    norms: np.ndarray,
+    stiffness: float | np.ndarray,
+    q: np.ndarray,
+    rows: np.ndarray,
+    chord_tension: float | np.ndarray,
+) -> np.ndarray:
+    """Return |H| max kappa + K / L0 sum (kappa q)^2 + sum |g_a| |G_a|, which bounds squared angular frequencies [1/s^2].
+
+    All arrays may have a leading dimension of members.
+
+    Parameters
+    ----------
+    kappa, norms
+        Squared slope norms (r,) [1/(kg m)], spectral norms of the geometric stiffness (patterns,).
+    stiffness, chord_tension
+        K / L0 [N/m] and H [N], numbers or (members,).
+    q, rows
+        Coordinates (r,) and boundary data (columns,).
+    """
+    loads = (np.abs(rows[..., 1 : 1 + norms.shape[-1]]) * norms).sum(axis=-1)
+    return np.abs(chord_tension) * kappa.max(axis=-1) + stiffness * ((kappa * q) ** 2).sum(axis=-1) + loads
 
 
 @lru_cache(KEPT_CHORDS)

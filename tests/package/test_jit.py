@@ -132,3 +132,18 @@ def test_a_kernel_is_compiled_once_for_all_integers_and_anew_for_none(tmp_path):
     done = run_python("-c", code, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["15.5", "2"]  # 1.5 + 2.5 + 2 * 3.5 + 4.5
+
+
+def test_kernels_that_take_arrays_from_an_uncounted_one_count_no_references_either():
+    # a counted caller would free the arrays that _of_member returns, which count for the arguments
+    from cablepod.condensed import _kernels_error, _kernels_leading, _kernels_recorder
+
+    modules = _kernels_error, _kernels_leading, _kernels_recorder
+    callers = [
+        kernel
+        for module in modules
+        for kernel in vars(module).values()
+        if "_of_member" in getattr(getattr(kernel, "py_func", None), "__code__", compile("", "", "exec")).co_names
+    ]
+    assert len(callers) == 4
+    assert all(kernel.targetoptions.get("_nrt") is False for kernel in callers)
