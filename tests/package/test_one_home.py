@@ -22,15 +22,16 @@ SIGNS = {
         "f[j] += rate_terms.tension_damping * work[j]",
     ),
 }  # fmt: skip
-#: Calls that have a term: masts have no damping by the tension, periodic responses no wind.
+#: Calls that have a term: masts and hosts have no damping by the tension, periodic responses no wind.
 CALLS = {
-    "closure": ["run", "batch", "orbit", "mast"],
-    "drag": ["windy run", "windy batch", "mast"],
+    "closure": ["run", "batch", "orbit", "mast", "host"],
+    "drag": ["windy run", "windy batch", "mast", "windy host"],
     "damping": ["damped run", "damped batch", "damped orbit"],
 }
 #: Prints a number of each call; kernels are not compiled, so that it takes seconds.
 CODE = """
 import copy, json, sys, warnings
+import numpy as np
 import cablepod as cp
 from cablepod.errors import AllFailedError, RunStopped, SceneError
 from mast_scenes import WIND, small
@@ -68,12 +69,17 @@ def batch(scene):
 def orbit(scene):
     return cp.periodic.orbit(scene, modes(scene), harmonics=2, out_of_plane=False, outputs=()).growth
 
+def host(scene):
+    model = cp.condensed.prepare(scene, modes(scene))
+    end, velocity = model.end_position, np.ones(model.end_position.size)
+    return np.array([model.step(end + 1e-3 * k * velocity, velocity, 1e-3) for k in range(1, 4)])
+
 plain, damped = {}, {"tension_proportional": 1e-3}
 calls = {
     "run": lambda: run(guy(plain)), "batch": lambda: batch(guy(plain)), "orbit": lambda: orbit(guy(plain)),
     "damped run": lambda: run(guy(damped)), "damped batch": lambda: batch(guy(damped)),
     "damped orbit": lambda: orbit(guy(damped)), "windy run": lambda: run(windy()), "windy batch": lambda: batch(windy()),
-    "mast": mast,
+    "mast": mast, "host": lambda: host(guy(plain)), "windy host": lambda: host(windy()),
 }
 found = {}
 for name in sys.argv[1:]:

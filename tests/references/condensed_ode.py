@@ -29,6 +29,9 @@ class Reference:
         self.dims, self.inner = self.p.dims, len(lengths) - 1
         self.damping = self.p.mass_damping or 0.0
         self.zeta = None
+        start = np.diff(self.p.end_positions(np.zeros(1))[0], axis=0)[0]
+        # the axis that defines the normals in space: the vertical, or the flattest within 11 degrees of it
+        self.axis = int(np.argmin(np.abs(start))) if abs(start[1]) > 0.98 * np.linalg.norm(start) else 1
         if order == "leading":
             self.factor, self.masses = self.second_order()
 
@@ -84,7 +87,7 @@ class Reference:
         e = reach / c
         if self.dims == 2:
             return ends, c, e, np.array([[-e[1], e[0]]])
-        first = np.array([0.0, 1.0, 0.0]) - e[1] * e
+        first = np.eye(3)[self.axis] - e[self.axis] * e
         first /= np.linalg.norm(first)
         return ends, c, e, np.array([first, np.cross(e, first)])
 
