@@ -57,7 +57,8 @@ def _projected(
     patterns = np.empty(2 if accelerations.shape[1] else 1)
     rows, masses = np.empty((1 + dims * patterns.size, instants)), np.empty(instants)
     masses[:] = mass
-    loads = np.ascontiguousarray(np.broadcast_to(load, (dims, instants)))
+    loads = np.empty((dims, instants))  # no broadcast view, for which the kernel would be compiled again
+    loads[:] = load
     if not accelerations.shape[1]:
         accelerations = ends  # not read
     if dims == 2:
