@@ -12,6 +12,7 @@ from typing import Any
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._models import MODELS
 from cablepod.archive._attributes import checked_stages
 from cablepod.errors import printable
 
@@ -27,8 +28,15 @@ NAMES = {
 }
 #: Sub-packages and modules whose functions a script may call; "" is the package itself.
 REPEATED = (
-    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "paper", "pod", "rigid", "wind",
-)  # fmt: skip
+    "",
+    "catenary",
+    "compare",
+    "ensemble",
+    "paper",
+    "pod",
+    "wind",
+    *(model.sub_package for model in MODELS.values()),
+)
 
 
 def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:

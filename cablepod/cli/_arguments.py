@@ -11,10 +11,9 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from cablepod._models import MODELS
 from cablepod.errors import ArchiveError, SceneError
 from cablepod.examples import scenes
-
-MODELS = ("chain", "cable", "rigid", "galerkin", "condensed")
 
 
 def folder(text: str) -> Path:

@@ -11,6 +11,7 @@ import click
 import xarray as xr
 
 from cablepod import archive, study
+from cablepod._models import Model, model_of
 from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
@@ -23,7 +24,7 @@ from cablepod.examples import scene_path
 from cablepod.integrate._velocity_jump import warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._read import read_scene
-from cablepod.study._modes import LAYOUT_OF, RANK, make_modes
+from cablepod.study._modes import RANK, make_modes
 
 F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("scene", metavar="SCENE.toml", shell_complete=_arguments.complete_scene)
@@ -150,7 +151,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
     "--model",
     metavar="MODEL",
     shell_complete=_arguments.complete_model,
-    help="chain (the default), cable, rigid, galerkin, condensed; mast, the default of a mast",
+    help="chain (the default), cable, rigid, galerkin, condensed; mast, the default of a mast; module:function",
 )
 @click.option(
     "--modes",
@@ -196,11 +197,12 @@ def ensemble_command(
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
     model = model or ("mast" if "mast_height" in dataset else "chain")
-    check_scene_of_model(dataset, model)
+    chosen = model_of(model)
+    check_scene_of_model(dataset, chosen)
     scenes = ensemble.design(dataset)
     say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
     modes_dataset = (
-        archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
+        archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, chosen, overwrite)
     )
     with telling_of_compilation(), member_bar(model, scenes.sizes["member"]) as progress:
         results = ensemble.run(
@@ -299,15 +301,15 @@ def check_command(scene: str) -> None:
     warn_of_velocity_jump(parameters(dataset))
 
 
-def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: bool) -> xr.Dataset | None:
+def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: Model, overwrite: bool) -> xr.Dataset | None:
     """Return the modes of a reduced model: those of the ensemble that goes on, or new ones; None for a full model."""
-    if model not in LAYOUT_OF:
+    if model.layout is None:
         return None
     if (folder / MODES).exists() and not overwrite:
         return archive.read(folder / MODES)
     with telling_of_compilation(), Bars() as bars:
-        modes = make_modes(scene, layout=LAYOUT_OF[model], progress=partial(bars, "chain, for the modes"))
-    say(f"modes: {modes.sizes['mode']} of layout {LAYOUT_OF[model]}, from a run of the scene itself")
+        modes = make_modes(scene, layout=model.layout, progress=partial(bars, "chain, for the modes"))
+    say(f"modes: {modes.sizes['mode']} of layout {model.layout}, from a run of the scene itself")
     return modes
 
 

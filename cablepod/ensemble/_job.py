@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive
+from cablepod._models import model_of
 from cablepod.archive._manifest import (
     FAILURE,
     MODES,
@@ -30,7 +31,6 @@ from cablepod.batch._members import stop_when, thread_limit
 from cablepod.batch._stack import is_varied
 from cablepod.conventions import attribute_labels
 from cablepod.ensemble._collect_warnings import Note, collect_warnings
-from cablepod.ensemble._models import MODELS
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
 from cablepod.mast._fatigue import guy_fatigue
 
@@ -57,7 +57,7 @@ def compute(
     scenes
         Scenes with ``member``.
     model
-        One of :data:`cablepod.ensemble._models.MODELS`.
+        Name of :data:`cablepod._models.MODELS`, or "module:function".
     modes
         Modes of a reduced model, else None.
     options
@@ -70,12 +70,13 @@ def compute(
     xarray.Dataset
         Results of all members, nan for failed ones; only ``failure (member)`` and the parameters if all failed.
     """
-    result, reasons = _simulate_members(scenes, MODELS[model], () if modes is None else (modes,), options, progress)
+    chosen = model_of(model)
+    result, reasons = _simulate_members(scenes, chosen.simulate, () if modes is None else (modes,), options, progress)
     varied = {name: variable for name, variable in scenes.variables.items() if is_varied(variable)}
     if result is None:
         failures = xr.Dataset({"failure": ("member", np.array(reasons, dtype=str), FAILURE)}, varied)
         return failures.assign_attrs(title=str(scenes.attrs.get("title", "scenes")))
-    if model == "mast" and (ranges := guy_fatigue(result, options.get("window"))) is not None:
+    if chosen.of_mast and (ranges := guy_fatigue(result, options.get("window"))) is not None:
         result = result.assign(fatigue_range=ranges)
     skipped = len(reasons)
     later = result["failure"].values if "failure" in result else [""] * (scenes.sizes["member"] - skipped)

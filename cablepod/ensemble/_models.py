@@ -2,74 +2,57 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import cable, chain, condensed, galerkin, mast, rigid
+from cablepod._models import MODELS, Model, model_of
 from cablepod.condensed._runs import MAX_TOLERANCE
-from cablepod.errors import SceneError, one_of, scene_error
+from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._request import DEFAULT_TOLERANCE
 from cablepod.scene._mast import MAST_SCENE, scene_kind
 
-#: Name of a model -> its function.
-MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
-    "chain": chain.simulate,
-    "cable": cable.simulate,
-    "rigid": rigid.simulate,
-    "galerkin": galerkin.simulate,
-    "condensed": condensed.simulate,
-    "mast": mast.simulate,
-}
-#: Models that need modes, and those that may have them.
-REDUCED, WITH_MODES = ("galerkin", "condensed"), ("galerkin", "condensed", "mast")
 
-
-def options_of(model: str) -> dict[str, Any]:
-    """Return the options of a model's ``simulate``, except ``progress``, with their defaults."""
-    arguments = inspect.signature(MODELS[model]).parameters.values()
-    return {arg.name: arg.default for arg in arguments if arg.kind is arg.KEYWORD_ONLY and arg.name != "progress"}
-
-
-def accepted_time_error(model: str, options: Mapping[str, Any]) -> float:
+def accepted_time_error(model: Model, options: Mapping[str, Any]) -> float:
     """Return the time error, as a fraction of the motion, above which a member counts as not converged.
 
     It is the given tolerance, or the default one of full models.  Reduced models choose their own, at most MAX_TOLERANCE.
     """
     if options.get("tolerance") is not None:
         return float(options["tolerance"])
-    return MAX_TOLERANCE if model in REDUCED else DEFAULT_TOLERANCE
+    return MAX_TOLERANCE if model.layout is not None else DEFAULT_TOLERANCE
 
 
-def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check a model, its modes and the names of its options; return all options as JSON values.
+def check_model(given: Any, modes: Any, options: Mapping[str, Any]) -> tuple[Model, dict[str, Any]]:
+    """Check a model, its modes and the names of its options; return the model, and all options as JSON values.
 
     Raises
     ------
     SceneError
         For an unknown model or option, or missing or superfluous modes.
     """
-    if not isinstance(model, str) or model not in MODELS:
-        raise scene_error("model", model, one_of(MODELS, model))
-    if model in REDUCED and not isinstance(modes, xr.Dataset):
-        raise scene_error("modes", modes, f'the Dataset of modes for model "{model}", a result of pod.decompose')
-    if model not in WITH_MODES and modes is not None:
-        raise scene_error("modes", "a value", f'none for model "{model}"; only {", ".join(WITH_MODES)} use modes')
-    if model == "mast" and not (modes is None or isinstance(modes, xr.Dataset)):
-        raise scene_error("modes", modes, "the Dataset of modes of the guys, or none")
-    known = options_of(model)
+    model = model_of(given)
+    if model.modes == "needed" and not isinstance(modes, xr.Dataset):
+        raise scene_error("modes", modes, f'the Dataset of modes for model "{model.name}", a result of pod.decompose')
+    if model.modes == "none" and modes is not None:
+        users = ", ".join(name for name, other in MODELS.items() if other.modes != "none")
+        raise scene_error("modes", "a value", f'none for model "{model.name}"; only {users} use modes')
+    if not (modes is None or isinstance(modes, xr.Dataset)):
+        raise scene_error(
+            "modes", modes, "the Dataset of modes of the guys, or none" if model.of_mast else "a Dataset of modes"
+        )
+    known = model.options()
     for name in options:
         if name not in known:
-            raise scene_error(f"option {name}", options[name], f'an option of model "{model}": {", ".join(known)}')
-    if known.get("outputs") and model != "mast" and options.get("quadrature") is None:
+            raise scene_error(f"option {name}", options[name], f'an option of model "{model.name}": {", ".join(known)}')
+    if known.get("outputs") and not model.of_mast and not model.own and options.get("quadrature") is None:
         known = {**known, "outputs": (*known["outputs"], "tension_extremes")}  # what an ensemble is mostly made for
-    return {name: _to_json(name, options.get(name, default)) for name, default in known.items()}
+    return model, {name: _to_json(name, options.get(name, default)) for name, default in known.items()}
 
 
-def check_scene_of_model(scenes: xr.Dataset, model: str) -> None:
+def check_scene_of_model(scenes: xr.Dataset, model: Model) -> None:
     """Refuse the model of a mast for a scene of one cable, and other models for a scene with a mast.
 
     Raises
@@ -78,10 +61,10 @@ def check_scene_of_model(scenes: xr.Dataset, model: str) -> None:
         Names ``model``.
     """
     with_mast = scene_kind(scenes) is MAST_SCENE
-    if model in MODELS and (model == "mast") != with_mast:
+    if model.of_mast != with_mast:
         of = "a scene with [mast]" if with_mast else "a scene of one cable, without [mast]"
-        allowed = '"mast"' if with_mast else ", ".join(f'"{name}"' for name in MODELS if name != "mast")
-        raise SceneError(f'model: given "{model}" for {of}; allowed: {allowed}')
+        allowed = ", ".join(f'"{name}"' for name, other in MODELS.items() if other.of_mast == with_mast)
+        raise SceneError(f'model: given "{model.name}" for {of}; allowed: {allowed}')
 
 
 def _to_json(name: str, value: Any) -> Any:

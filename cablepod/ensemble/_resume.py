@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, provenance
+from cablepod._models import model_of
 from cablepod._resources import check_sigint
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
@@ -328,7 +329,7 @@ def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr
         dict.fromkeys(line for dataset in datasets for line in str(dataset.attrs["history"]).split("\n"))
     )
     head: dict[str, Any] = {"title": plan["title"], "id": plan["id"], "history": history}
-    head["accepted_time_error"] = accepted_time_error(plan["model"], plan["options"])
+    head["accepted_time_error"] = accepted_time_error(model_of(plan["model"]), plan["options"])
     head["history_json"] = json.dumps([*map(json.loads, stages.values()), stage], sort_keys=True)
     attributes = root_attributes(xr.Dataset(attrs=head))
     return {

@@ -20,6 +20,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import taken
+from cablepod._models import Model, model_of
 from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, time_errors
@@ -29,7 +30,7 @@ from cablepod.ensemble import _resume as resume
 from cablepod.ensemble._cluster import Again
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_of_all_members, emit_warnings
 from cablepod.ensemble._job import Done, compute, inputs_of, run_batch, synchronous_dask, write_batch
-from cablepod.ensemble._models import MODELS, REDUCED, accepted_time_error, check_model, check_scene_of_model
+from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import (
     ArchiveError,
@@ -53,7 +54,7 @@ def run(
     scenes: xr.Dataset,
     path: str | os.PathLike[str],
     *,
-    model: str = "chain",
+    model: str | Callable[..., xr.Dataset] = "chain",
     modes: xr.Dataset | None = None,
     scheduler: Any = None,
     workers: int | None = None,
@@ -73,6 +74,7 @@ def run(
         all files are written atomically.
     model
         "chain", "cable", "rigid", or with `modes` "galerkin" or "condensed"; "mast" for scenes with a mast, and only these.
+        Or a model of your own: a function, or its name as "module:function"; see the page of this sub-package.
     modes
         Modes of a reduced model; of the guys of a mast, which need none.
     scheduler
@@ -138,7 +140,7 @@ def run(
         errors = merged_time_errors(store.manifest["done"].values()) or {}
     result = open_ensemble(path)
     notes = emit_of_all_members(notes, lambda: result)
-    emit_warnings(notes, scenes.sizes["member"], errors, accepted_time_error(model, plan["options"]))
+    emit_warnings(notes, scenes.sizes["member"], errors, accepted_time_error(model_of(plan["model"]), plan["options"]))
     _warn_of_failures(result)
     return result
 
@@ -146,7 +148,7 @@ def run(
 def batches(
     scenes: xr.Dataset,
     *,
-    model: str = "chain",
+    model: str | Callable[..., xr.Dataset] = "chain",
     modes: xr.Dataset | None = None,
     scheduler: Any = None,
     workers: int | None = None,
@@ -203,7 +205,7 @@ def _batches(
         queue = JobQueue(pool, submit, range(len(sizes)), limit=lambda slots: slots + 1)
         notes: list[Note] = []
         errors: dict[str, list[float]] = {}
-        accepted = accepted_time_error(plan["model"], plan["options"])
+        accepted = accepted_time_error(model_of(plan["model"]), plan["options"])
         try:
             for number, (result, batch_notes) in enumerate(queue.in_order()):
                 notes += batch_notes
@@ -246,24 +248,24 @@ def _prepare(
         raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
     if not scenes.sizes["member"]:
         raise SceneError("scenes: given no members; allowed: at least one")
-    resolved = check_model(model, modes, options)
-    check_scene_of_model(scenes, model)
+    chosen, resolved = check_model(model, modes, options)
+    check_scene_of_model(scenes, chosen)
     size = integer(least=1, most=10**6)("batch", batch)
-    _check_shapes(scenes, model, resolved)
+    _check_shapes(scenes, chosen, resolved)
     if "member" not in scenes.coords:
         scenes = scenes.assign_coords(member=np.arange(scenes.sizes["member"]))
     scenes = with_own_id(scenes).assign_attrs(stage="scenes")
     modes = None if modes is None else with_own_id(modes)
-    _try_options(scenes, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
+    _try_options(scenes, chosen, modes, resolved, {*options, "model", "modes", "layout", "times", "time"})
     inputs = {SCENES: scenes} | ({} if modes is None else {MODES: modes})
-    return resume.plan_of(scenes, model, modes, resolved, size), inputs
+    return resume.plan_of(scenes, chosen.key, modes, resolved, size), inputs
 
 
-def _check_shapes(scenes: xr.Dataset, model: str, options: dict[str, Any]) -> None:
+def _check_shapes(scenes: xr.Dataset, model: Model, options: dict[str, Any]) -> None:
     """Refuse scenes whose results differ in shape."""
     option_of = {"time_duration": "times", "time_interval": "times"}
-    if model not in REDUCED:
-        option_of["chain_links"] = "points" if model == "cable" else "links"
+    if model.layout is None:
+        option_of["chain_links"] = "points" if model.name == "cable" else "links"
     for name, option in option_of.items():
         varies = name in scenes and "member" in scenes[name].dims and np.unique(scenes[name].values).size > 1
         if varies and options[option] is None:
@@ -272,7 +274,7 @@ def _check_shapes(scenes: xr.Dataset, model: str, options: dict[str, Any]) -> No
 
 
 def _try_options(
-    scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: dict[str, Any], names: set[str]
+    scenes: xr.Dataset, model: Model, modes: xr.Dataset | None, options: dict[str, Any], names: set[str]
 ) -> None:
     """Refuse options that are invalid for all of a few members, by trial runs of zero duration."""
     modes_argument = () if modes is None else (modes,)
@@ -284,14 +286,14 @@ def _try_options(
         scene = scenes.isel(member=i, drop=True)
         try:
             if options.get("times") is None:
-                (mast_parameters if model == "mast" else parameters)(scene).times()
-            if window is not None and model != "mast":
+                (mast_parameters if model.of_mast else parameters)(scene).times()
+            if window is not None and not (model.of_mast or model.own):
                 outputs = tuple(options["outputs"])
                 request = Request.of(times=options.get("times"), outputs=outputs, allowed=outputs, window=window)
                 request.instants(parameters(scene))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                MODELS[model](scene, *modes_argument, **trial)
+                model.simulate(scene, *modes_argument, **trial)
             return
         except (ValueError, RunStopped, ArithmeticError) as error:
             errors.append(error)

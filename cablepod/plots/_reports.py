@@ -8,23 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod._models import MODELS, Marker
 from cablepod.errors import SceneError, one_of, scene_error
 from cablepod.plots import _style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Model and scheme -> marker, colour, label (distinct in grey).
-MODELS = {
-    ("chain", "velocity_verlet"): ("s", "#003a5c", "chain, explicit"),
-    ("chain", "trapezoidal"): ("o", "#0072B2", "chain, implicit"),
-    ("cable", "velocity_verlet"): ("D", "#2a7f8f", "cable, explicit"),
-    ("cable", "trapezoidal"): ("d", "#56B4E9", "cable, implicit"),
-    ("Galerkin", "velocity_verlet"): ("v", "#CC79A7", "Galerkin"),
-    ("condensed", "velocity_verlet"): ("^", "#D55E00", "condensed, explicit"),
-    ("condensed", "trapezoidal"): ("<", "#E69F00", "condensed, implicit"),
-    ("catenary", ""): ("x", "black", "catenaries, splines between"),
-}
+#: Marker, colour and label of static solutions, which are no model of their own, and marker and colour of other models.
+CATENARIES, OTHERS = ("x", "black", "catenaries, splines between"), ("P", "0.35")
 #: Family -> line style, colour, label of its front.
 FRONTS = {
     "full": ("-", "#003a5c", "front, full"),
@@ -133,7 +125,8 @@ def error_against_run_time(
     milliseconds, error = 1e3 * part[time].values, part["error_max"].values
     ax = _style.axes(ax)
     again = part["measured_again"].values == 1
-    for (model, scheme), (marker, colour, text) in MODELS.items():
+    for model, scheme in dict.fromkeys(zip(part["model"].values.tolist(), part["scheme"].values.tolist(), strict=True)):
+        marker, colour, text = _marker(model, scheme)
         rows = (part["model"].values == model) & (part["scheme"].values == scheme) & (error < 1.0)
         if not rows.any():
             continue
@@ -154,6 +147,14 @@ def error_against_run_time(
     shown = error[(error > 0.0) & (error < 1.0)]
     ax.set_ylim(0.3 * shown.min() if shown.size else None, 1.0)
     return _style.finish(ax)
+
+
+def _marker(model: str, scheme: str) -> Marker:
+    """Return marker, colour and label of the settings of a model with a scheme."""
+    if model == "catenary":
+        return CATENARIES
+    known = MODELS.get(model.lower())
+    return (known.markers if known else {}).get(scheme, (*OTHERS, ", ".join(filter(None, (model, scheme)))))
 
 
 def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) -> xr.Dataset:

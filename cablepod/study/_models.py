@@ -11,15 +11,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, compare, condensed, galerkin, provenance
+from cablepod import chain, compare, provenance
 from cablepod.errors import RunStopped
 from cablepod.study._timing import timed
 
-#: Reduced models in the order of the table: function, and layout of their modes.
-MODELS: dict[str, tuple[Callable[..., xr.Dataset], str]] = {
-    "condensed": (condensed.simulate, "normal"),
-    "galerkin": (galerkin.simulate, "separate"),
-}
 #: Tolerances of the chains that are compared with the reduced models, and the smallest number of links that is halved for them.
 CHAIN_TOLERANCES, MIN_HALVED_LINKS = (1e-1, 1e-2, 1e-3), 8
 #: Tolerance of the chain of half the links that tells the error of tensions.
@@ -39,20 +34,25 @@ TITLE = "errors and run times of the models against the elastic chain"
 
 
 def timed_twice(
-    call: Callable[..., xr.Dataset], *, progress: Callable[[float], None] | None, say: Callable[[], None] | None
+    call: Callable[..., xr.Dataset],
+    *,
+    repeated: bool = True,
+    progress: Callable[[float], None] | None,
+    say: Callable[[], None] | None,
 ) -> tuple[xr.Dataset, dict[str, float]]:
-    """Return the result of a call with its defaults, and the variables of its row."""
+    """Return the result of a call with its defaults, and the variables of its row; nan for what the result does not tell.
+
+    If `repeated`, the call is timed with its step and scheme given, too.
+    """
     result, row = timed(call, progress=progress, say=say)
-    attrs = result.attrs
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the call with the defaults has warned
-        _, once = timed(partial(call, step=attrs["step"], scheme=attrs["scheme"], outputs=("position",)))
-    return result, row | {
-        "loop_time": once["call_time"],
-        "step": attrs["step"],
-        "number_of_steps": attrs["number_of_steps"],
-        "error_estimate": attrs["error_estimate"],
-    }
+    chosen = {name: result.attrs.get(name, np.nan) for name in ("step", "number_of_steps", "error_estimate")}
+    once = {"call_time": np.nan}
+    if repeated:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the call with the defaults has warned
+            scheme = result.attrs["scheme"]
+            _, once = timed(partial(call, step=chosen["step"], scheme=scheme, outputs=("position",)))
+    return result, row | {"loop_time": once["call_time"], **chosen}
 
 
 def with_row(error: xr.Dataset, row: dict[str, float]) -> xr.Dataset:

@@ -9,12 +9,11 @@ import xarray as xr
 from cablepod import chain, pod
 from cablepod.condensed import vibration_modes
 from cablepod.errors import scene_error
-from cablepod.study._models import MODELS
 
 #: Layouts of modes that :func:`make_modes` makes.
 LAYOUTS = ("normal", "separate", "vector", "vibration")
-#: Layout for each reduced model, and number of modes by default.
-LAYOUT_OF, RANK = {model: layout for model, (_, layout) in MODELS.items()}, 8
+#: Number of modes by default.
+RANK = 8
 #: Tolerance of the chain whose snapshots are decomposed; modes below it would be noise.
 TOLERANCE = 1e-6
 

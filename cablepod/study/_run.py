@@ -16,6 +16,7 @@ import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, pod
 from cablepod._inputs import taken
+from cablepod._models import REDUCED, Model, model_of
 from cablepod.archive._folder import prepare_folder
 from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
@@ -24,7 +25,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._notes import warn_once
 from cablepod.study._figures import check_backend, write_figures
-from cablepod.study._models import MODELS, chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
+from cablepod.study._models import chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
 from cablepod.study._notes import OnceEach
 from cablepod.study._timing import timed
 
@@ -51,6 +52,7 @@ def run(
     out: str | os.PathLike[str] | None = None,
     *,
     ranks: Iterable[int] = (1, 2, 4),
+    models: Iterable[str | Callable[..., xr.Dataset]] = REDUCED,
     overwrite: bool = False,
     progress: Callable[[str, float], None] | None = None,
     report: Callable[[str, xr.Dataset], None] | None = None,
@@ -72,6 +74,9 @@ def run(
     ranks
         Of a cable: numbers of modes of each coordinate, a condensed and a Galerkin model for each.  At most 20 are computed,
         fewer from few links or snapshots; larger ranks are left out with a warning.
+    models
+        Of a cable: reduced models by name, or models of your own as functions or "module:function", which have the option `rank`
+        (see the page of :mod:`cablepod.ensemble`).
     overwrite
         Replace results that are already in `out`.
     progress
@@ -129,11 +134,12 @@ def run(
     snapshots_at = p.times()  # refuses a scene without [time]
     available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)
     ranks = _checked_ranks(ranks, available)
+    chosen = _checked_models(models)
     folder = None
     if out is not None:
         check_backend()
         folder = Path(out)
-        names = (*STAGES, *(f"{model}_r{r}" for model in MODELS for r in ranks))
+        names = (*STAGES, *(f"{name}_r{r}" for name in chosen for r in ranks))
         prepare_folder(folder, [f"{name}.nc" for name in names], overwrite=overwrite)
 
     stages = _Stages(folder, progress, report)
@@ -148,17 +154,19 @@ def run(
     if half is not None:
         stages.add("chain_half", half)
     snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
-    modes = stages.modes(snapshots, available)
+    modes = stages.modes(snapshots, available, [name for name, model in chosen.items() if model.layout == "normal"])
     ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
     rows: dict[tuple[str, int], xr.Dataset] = {}
-    for model, (simulate, layout) in MODELS.items():
+    for name, model in chosen.items():
+        measure = partial(timed_twice, repeated=not model.own)
         try:
-            for r in ranks if layout in modes else ():
-                call = partial(simulate, scene, modes[layout], rank=r, times=report_at)
-                reduced, row = stages.simulate(f"{model}_r{r}", f"{model}, r = {r}", timed_twice, call)
-                rows[model, r] = with_row(compare.errors(reduced, reference), row)
+            basis = modes.get(model.layout or "")
+            for r in () if basis is None else ranks:
+                call = partial(model.simulate, scene, basis, rank=r, times=report_at)
+                reduced, row = stages.simulate(f"{name}_r{r}", f"{name}, r = {r}", measure, call)
+                rows[name, r] = with_row(compare.errors(reduced, reference), row)
         except (SceneError, RunStopped) as error:  # the other models go on
-            stages.left_out.append(f"{model}: {error}")
+            stages.left_out.append(f"{name}: {error}")
     if rows:
         compared = [stages.results[f"{model}_r{r}"] for model, r in rows]
         stages.add("comparison", recorded(table_of(rows), "comparison", [*compared, reference]))
@@ -224,13 +232,13 @@ class _Stages:
         self.compile_times.append(row["compile_time"])
         return self.add(name, result), row
 
-    def modes(self, snapshots: xr.Dataset, rank: int) -> dict[str, xr.Dataset]:
-        """Add the modes of each layout; the condensed model is left out without a chord, which its modes need."""
+    def modes(self, snapshots: xr.Dataset, rank: int, normal: list[str]) -> dict[str, xr.Dataset]:
+        """Add the modes of each layout; models that need `normal` ones are left out without a chord, which these need."""
         modes = {"separate": self.add("modes", pod.decompose(snapshots, rank=rank))}
         try:
             modes["normal"] = self.add("normal_modes", pod.decompose(snapshots, rank=rank, layout="normal"))
         except SceneError as error:
-            self.left_out.append(f"condensed: {error}")
+            self.left_out.extend(f"{name}: {error}" for name in normal)
         return modes
 
     def tree(self) -> xr.DataTree:
@@ -257,6 +265,21 @@ def _checked_ranks(ranks: Iterable[int], available: int) -> list[int]:
     if rising[0] > available:
         raise scene_error("ranks", rising, f"one or more of at most {available}, the number of modes of this scene")
     return rising
+
+
+def _checked_models(models: Iterable[str | Callable[..., xr.Dataset]]) -> dict[str, Model]:
+    """Return the distinct reduced models by name."""
+    if isinstance(models, str) or not isinstance(models, Iterable):
+        raise scene_error("models", models, f"a list, such as {list(REDUCED)}, or of functions of your own")
+    found: dict[str, Model] = {}
+    for given in models:
+        model = model_of(given, allowed=REDUCED)
+        if found.get(model.name, model) != model:
+            raise SceneError(f"models: given two of the name {model.name}; allowed: one of each name")
+        if "rank" not in model.options():
+            raise SceneError(f"models: given {model.key}, without the option rank; allowed: functions that have it")
+        found[model.name] = model
+    return found
 
 
 def _ranks_of(ranks: list[int], modes: int) -> list[int]:

@@ -205,6 +205,45 @@ print(f"{1e3 * seconds(peaks) / amplitudes.size:.1f} ms a run of {scene.time_dur
 print(f"peak tension {peaks().min():.0f} to {peaks().max():.0f} N")
 
 # %% [markdown]
+# ## A model of your own
+#
+# A model is a function from a scene and modes to a trajectory. Studies and ensembles take it beside those of the package, if it
+# stands at the top of a module or notebook and takes `times` and `progress`; a study also gives `rank`. This one has no need of
+# the modes it is given: its shapes are Legendre polynomials that vanish at both ends.
+
+
+# %%
+def legendre(scene, modes=None, *, rank=4, times=None, progress=None):
+    """Run the condensed model on polynomials."""
+    place = np.linspace(-1.0, 1.0, 41)
+    shapes = [np.polynomial.Legendre.basis(k)(place) * (1.0 - place**2) for k in range(rank)]
+    return cp.condensed.simulate(scene, cp.modes(np.array(shapes), scene=scene), times=times, progress=progress)
+
+
+compared = cp.study.run(scene, ranks=(2, 4) if SMALL else (2, 4, 8), models=("condensed", legendre))["comparison"]
+print((100.0 * compared["error_max"]).round(3).to_pandas().rename_axis("error [%]"))
+
+# %% [markdown]
+# Errors are those against the chain. Beside run times, a point for each model and number of modes:
+
+# %%
+rows = [
+    (f"{model}, r = {rank}", float(point["call_time"]), float(point["error_max"]))
+    for model in compared["model"].values
+    for rank in compared["rank"].values
+    for point in [compared.sel(model=model, rank=rank)]
+]
+cp.plots.error_against_run_time(rows);
+
+# %% [markdown]
+# The same function for the members of an ensemble, in threads:
+
+# %%
+tensions = cp.ensemble.design(scene, {"cable.top_tension": [12e3, 20e3]}, members=4, seed=1)
+runs = cp.ensemble.run(tensions, "out/legendre", model=legendre, rank=4, overwrite=True)
+print(runs["error_estimate"].to_series().map("{:.2%}".format))
+
+# %% [markdown]
 # ## When they fail
 #
 # Shake the mast faster and further, until the cable goes slack: then nothing is taut, waves along the chord matter, and a model

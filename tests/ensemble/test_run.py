@@ -129,37 +129,37 @@ def test_progress_counts_all_members(scenes_of, tmp_path):
 
 
 def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
-    from cablepod.ensemble import _models as models
+    of_chain = cp.chain.simulate
 
     def noisy(scenes, *, step=None, times=None, progress=None):
         for member in scenes["member"].values.tolist() if "member" in scenes.dims else []:
             warnings.warn(f"member {member} is odd", RuntimeWarning, stacklevel=1)
-        return cp.chain.simulate(scenes, step=step, times=times)
+        return of_chain(scenes, step=step, times=times)
 
-    monkeypatch.setitem(models.MODELS, "chain", noisy)
+    monkeypatch.setattr(cp.chain, "simulate", noisy)
     with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more such warnings in 10 members\)") as caught:
         list(cp.ensemble.batches(scenes_of(), batch=4, step=ENSEMBLE_STEP))
     assert number_of(RuntimeWarning, caught) == 1
 
 
 def test_members_that_have_not_converged_are_counted_and_the_worst_named(scenes_of, tmp_path, monkeypatch):
-    from cablepod.ensemble import _models as models
-
     of_motion = np.array([1.02e-4, 5e-5, 0.4, 1e-5, 2e-5, 9e-5, 3e-5, 0.0, 0.0, 0.0])
     of_tension = np.array([0.034, 5e-5, 0.2, 1e-5, 1e-5, 0.9, 3e-5, 0.0, 0.0, 0.0])
 
+    of_chain = cp.chain.simulate
+
     def doubtful(scenes, *, step=None, tolerance=None, times=None, progress=None):
         if "member" not in scenes.dims:
-            return cp.chain.simulate(scenes, step=ENSEMBLE_STEP, times=times, outputs=("tension_extremes",))
+            return of_chain(scenes, step=ENSEMBLE_STEP, times=times, outputs=("tension_extremes",))
         text = "not converged in time: an error of 0.000102 of the motion is left"
         warnings.warn(text, cp.NotConvergedWarning, stacklevel=1)
-        run = cp.chain.simulate(scenes, step=ENSEMBLE_STEP, times=times, outputs=("tension_extremes",))
+        run = of_chain(scenes, step=ENSEMBLE_STEP, times=times, outputs=("tension_extremes",))
         which = scenes["member"].values
         return run.assign(
             time_error_estimate=("member", of_motion[which]), tension_time_error_estimate=("member", of_tension[which])
         )
 
-    monkeypatch.setitem(models.MODELS, "chain", doubtful)
+    monkeypatch.setattr(cp.chain, "simulate", doubtful)
     said = (
         r"^3 of 10 members .* above 0\.0001; the worst: member 2 has an error of 0\.4 of the motion and of 0\.2 of the range of "
         r"its tensions; member 5 has an error of 9e-05 of the motion and of 0\.9 of the range"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import sys
+import types
 
 import matplotlib as mpl
 import pytest
@@ -26,9 +28,11 @@ def cells(text):
         yield kind, text[: mark.end()].count("\n") + 1, text[mark.end() : end]
 
 
-def run(text, name):
-    """Run the code cells of a notebook in one namespace; the error says which cell failed."""
-    space = {"__name__": "__main__"}
+def run(text, name, monkeypatch):
+    """Run the code cells of a notebook in the module ``__main__``, as a kernel does; the error says which cell failed."""
+    module = types.ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", module)
+    space = vars(module)
     for kind, line, source in cells(text):
         if kind == "code":
             # empty lines in front, so that a traceback names the line of the file
@@ -54,9 +58,9 @@ def _small(monkeypatch, tmp_path):
 
 @pytest.mark.slow  # three to six seconds each, once what they use is compiled: they come last, when it is
 @pytest.mark.parametrize("name", PAGES)
-def test_a_notebook_runs(name):
+def test_a_notebook_runs(name, monkeypatch):
     path = FOLDER / f"{name}.py"
-    assert run(path.read_text(encoding="utf-8"), path.name)["SMALL"]
+    assert run(path.read_text(encoding="utf-8"), path.name, monkeypatch)["SMALL"]
 
 
 HEADER = """# ---

@@ -26,6 +26,7 @@ LAYERS = (
     ("parameters", "_resources"),
     ("_inputs",),
     ("catenary", "batch"),
+    ("_models",),
     ("scene", "discretisation", "archive"),
     ("integrate", "pod", "reduced", "examples", "wind"),
     ("chain", "compare", "fatigue", "plots"),
