@@ -1,8 +1,8 @@
-"""Rainflow cycles of a series and its equivalent range.
+"""Rainflow cycles of a series, its equivalent range and its damage.
 
 .. include:: README.md
 """
 
-from cablepod.fatigue._cycles import equivalent, ranges
+from cablepod.fatigue._cycles import damage, equivalent, ranges
 
-__all__ = ["equivalent", "ranges"]
+__all__ = ["damage", "equivalent", "ranges"]

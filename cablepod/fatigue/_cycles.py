@@ -145,22 +145,15 @@ def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 
     >>> round(float(cp.fatigue.equivalent(series, frequency=1.0)), 3)
     5.989
     """
-    from cablepod.fatigue import _kernels_rainflow as kernel
-
     m, reference = number(above=0.0)("exponent", exponent), number(above=0.0)("frequency", frequency)
-    rows, size, dims = _rows(series, dim)
+    scale, sums, dims = _damage_sums(series, m, dim)
     label = series.coords.variables.get(dim)
     if label is None:
         raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
     place = np.asarray(label.values, dtype=float)
     if not (place[1:] > place[:-1]).all():
         raise SceneError(f"series: given a coordinate {dim} that does not rise; allowed: increasing instants [s]")
-    scale = np.where(size > 0.0, size, 1.0)  # ranges of the order of one neither overflow nor underflow
-    sums = np.empty(len(rows))
-    power = int(m) if float(m).is_integer() and m < 100 else float(m)  # products are ten times as fast as powers
-    kernel.damage_sums(rows, scale, power, sums)
     values = scale * (sums / (reference * (place[-1] - place[0]))) ** (1.0 / m)
-    values[np.isnan(size)] = np.nan
     of = series.attrs.get("long_name", series.name or "the series")
     attrs = {
         "units": str(series.attrs.get("units", "1")),
@@ -168,9 +161,92 @@ def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 
         "exponent": float(m),
         "frequency": float(reference),
     }
-    values = values.reshape([series.sizes[name] for name in dims])
+    return _of_series(series, values, dims, attrs)
+
+
+def damage(
+    series: xr.DataArray, *, slope: float, reference_range: float, reference_cycles: float = 2e6, dim: str = "time"
+) -> xr.DataArray:
+    """Compute Miner's sum of a series: the part of the life that its cycles take.
+
+    Parameters
+    ----------
+    series
+        Numbers along `dim`, as in :func:`ranges`.
+    slope
+        Slope m of the S-N curve, whose cycles to failure fall as range^-m.
+    reference_range
+        Range, in the units of the series, that fails after `reference_cycles`: for tensions the detail category of the strand
+        times its metallic area.
+    reference_cycles
+        Cycles of the reference range to failure.
+    dim
+        Dimension along which the series runs.
+
+    Returns
+    -------
+    xarray.DataArray
+        Sum of count (range / reference range)^m / reference cycles [1] over the other dimensions of the series; 1 is failure.
+        Series without any number give nan.
+
+    Raises
+    ------
+    SceneError
+        As :func:`ranges`, and for a slope, range or number of cycles that is not positive.
+
+    Notes
+    -----
+    Palmgren and Miner's rule with one slope and no cut-off: small cycles count too.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> series = xr.DataArray(np.tile([0.0, 2e3], 500), dims="time", attrs={"units": "N"})
+    >>> round(1e6 * float(cp.fatigue.damage(series, slope=3, reference_range=1e3)), 3)  # 499.5 cycles of 2 kN
+    1998.0
+    """
+    m = number(above=0.0)("slope", slope)
+    size = number(above=0.0)("reference_range", reference_range)
+    cycles = number(above=0.0)("reference_cycles", reference_cycles)
+    scale, sums, dims = _damage_sums(series, m, dim)
+    with np.errstate(over="ignore"):  # more than the largest number is failure as well
+        values = (scale / size) ** m * sums / cycles
+    of = series.attrs.get("long_name", series.name or "the series")
+    attrs = {
+        "units": "1",
+        "long_name": f"fatigue damage by {of}",
+        "slope": float(m),
+        "reference_range": float(size),
+        "reference_cycles": float(cycles),
+    }
+    return _of_series(series, values, dims, attrs)
+
+
+def _damage_sums(series: Any, exponent: float, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable, ...]]:
+    """Return the scale of each series, the sum of count (range / scale)^exponent, nan without any number, and the dimensions."""
+    from cablepod.fatigue import _kernels_rainflow as kernel
+
+    rows, size, dims = _rows(series, dim)
+    scale = np.where(size > 0.0, size, 1.0)  # ranges of the order of one neither overflow nor underflow
+    sums = np.empty(len(rows))
+    power = (
+        int(exponent) if float(exponent).is_integer() and exponent < 100 else float(exponent)
+    )  # products are ten times as fast as powers
+    kernel.damage_sums(rows, scale, power, sums)
+    sums[np.isnan(size)] = np.nan
+    return scale, sums, dims
+
+
+def _of_series(
+    series: xr.DataArray, values: np.ndarray, dims: tuple[Hashable, ...], attrs: dict[str, Any]
+) -> xr.DataArray:
+    """Return a number of each series over its other dimensions."""
+    shaped = values.reshape([series.sizes[name] for name in dims])
+    (dim,) = set(series.dims) - set(dims)
     coords = {name: series.coords[name] for name in _without(series, dim)}
-    return xr.DataArray(values, dims=dims, coords=coords, attrs=attrs)
+    return xr.DataArray(shaped, dims=dims, coords=coords, attrs=attrs)
 
 
 def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable, ...]]:
@@ -203,7 +279,7 @@ def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable
     return rows, size, dims
 
 
-def _without(series: xr.DataArray, dim: str) -> list[Hashable]:
+def _without(series: xr.DataArray, dim: Hashable) -> list[Hashable]:
     """Return the names of the coordinates that do not run along `dim`."""
     return [name for name, variable in series.coords.variables.items() if dim not in variable.dims]
 

@@ -158,3 +158,33 @@ def test_the_equivalent_range_scales_with_the_series():
 def test_wrong_calls_are_refused(call, key):
     with pytest.raises(cp.SceneError, match=f"^{key}: given .*; allowed: "):
         call()
+
+
+def test_miners_sum_by_hand():
+    # 2 whole cycles and 2 half ones of range 4, and a half one of range 2
+    series = series_of([0, 4, 0, 4, 0, 4, 2])
+    cycles = cp.fatigue.ranges(series)
+    expected = float((cycles.cycle_count * (cycles.cycle_range / 8.0) ** 3).sum()) / 1000.0
+    assert expected == pytest.approx((2.5 * 0.5**3 + 0.5 * 0.25**3) / 1000.0, rel=1e-14)
+    damage = cp.fatigue.damage(series, slope=3, reference_range=8.0, reference_cycles=1000)
+    assert float(damage) == pytest.approx(expected, rel=1e-14)
+    assert damage.attrs["units"] == "1"
+
+
+def test_miners_sum_is_that_of_the_equivalent_range():
+    values = np.random.default_rng(4).normal(size=(3, 400))
+    time = 0.1 * np.arange(400)
+    series = xr.DataArray(values, dims=("link", "time"), coords={"time": time, "link_number": ("link", [4, 5, 6])})
+    damage = cp.fatigue.damage(series, slope=4.5, reference_range=2.0)
+    same = cp.fatigue.equivalent(series, exponent=4.5, frequency=2.0)
+    np.testing.assert_allclose(damage, 2.0 * time[-1] * (same / 2.0) ** 4.5 / 2e6, rtol=1e-13)
+    assert damage["link_number"].values.tolist() == [4, 5, 6]
+    series[1] = np.nan
+    assert np.isnan(cp.fatigue.damage(series, slope=4.5, reference_range=2.0)).values.tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("key", ["slope", "reference_range", "reference_cycles"])
+def test_a_curve_without_a_positive_number_is_refused(key):
+    options = {"slope": 3, "reference_range": 8.0, "reference_cycles": 1000} | {key: 0.0}
+    with pytest.raises(cp.SceneError, match=f"^{key}: given 0"):
+        cp.fatigue.damage(series_of([0, 4, 0]), **options)

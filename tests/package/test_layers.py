@@ -29,7 +29,7 @@ LAYERS = (
     ("_models",),
     ("scene", "discretisation", "archive"),
     ("integrate", "pod", "reduced", "examples", "wind"),
-    ("chain", "compare", "fatigue", "plots"),
+    ("chain", "compare", "extremes", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
     ("galerkin", "mast", "periodic"),
     ("ensemble", "paper", "study"),

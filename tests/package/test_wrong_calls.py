@@ -23,8 +23,9 @@ CLEAR = (cp.SceneError, cp.ArchiveError)
 
 #: Functions whose first argument is no Dataset.
 OTHERS = {
-    "archive.open_ensemble", "archive.read", "catenary.solve", "clear_caches", "fatigue.equivalent", "fatigue.ranges",
-    "make_scene", "modes", "plots.spectra", "plots.tension_cycles", "read_scene", "snapshots",
+    "archive.open_ensemble", "archive.read", "catenary.solve", "clear_caches", "extremes.peaks", "fatigue.damage",
+    "fatigue.equivalent", "fatigue.ranges", "make_scene", "modes", "plots.spectra", "plots.tension_cycles",
+    "read_scene", "snapshots",
 }  # fmt: skip
 #: What stands in the place of a Dataset.
 WRONG: dict[str, Any] = {
