@@ -249,8 +249,8 @@ class _CableStepper(ImplicitStepper):
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
             _factors(self.varying, time), p.link_viscosity, p.tension_damping, self.modal, *wind, rows, columns,
             end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
-            max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save, saved,
-            self.element, self.rows, low, high, self.slack,
+            max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound,
+            start, steps, save, saved, self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
         self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations

@@ -190,7 +190,7 @@ def space_error_of(runs: Callable[..., dict[str, CableRun]], solution: Solution)
     if min(coarser) < 1 or math.prod(coarser) < 2:  # no inner node
         return math.nan
     try:
-        companion = runs(*coarser)[run.scheme]
+        companion = runs(*coarser)[run.scheme].as_companion()
         limits = 1.0 if part is None else run.step_limit / companion.step_limit
         given = FEWER_IMPLICIT_STEPS if part is None else FEWER_STEPS
         state = companion(rate * companion_steps(given if is_given else limits, part, limits))

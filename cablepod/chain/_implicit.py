@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cablepod.integrate._newton_run import NewtonRun
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import Trajectory
+from cablepod.integrate._space_error import COMPANION_NEWTON
 
 if TYPE_CHECKING:
     from cablepod.chain._lanes import ImplicitLanes
@@ -40,11 +41,16 @@ class ImplicitChainRun(NewtonRun):
 
     method: str = SCHEMES[0]
     spectral_radius: float = 0.8  #: of generalized alpha at unresolved frequencies
+    newton_factor: float = 1.0  #: Newton tolerance over the usual one; energy_momentum iterates to rounding
 
     @property
     def scheme(self) -> str:
         """Name of the scheme."""
         return self.method
+
+    def as_companion(self) -> Self:
+        """Return this run with the larger Newton tolerance of a companion."""
+        return replace(self, newton_factor=COMPANION_NEWTON)
 
     @property
     def alternatives(self) -> str:
@@ -211,9 +217,8 @@ class ImplicitStepper:
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
         tension = float(np.abs(chain.tensions_and_forces(run.initial)[0]).mean())
-        self.rotation_tolerance = min(
-            max(math.sqrt(2.0 * TENSION_RTOL * tension / p.stiffness), MIN_ROTATION), MAX_ROTATION
-        )
+        rotation = min(max(math.sqrt(2.0 * TENSION_RTOL * tension / p.stiffness), MIN_ROTATION), MAX_ROTATION)
+        self.rotation_tolerance = run.newton_factor * rotation
         self.iterations, self.substepped = 0, 0
 
     def _of_free(self, values: np.ndarray) -> np.ndarray:

@@ -126,7 +126,7 @@ def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
         explicit, coarse = prepare(p, plain, "")[:2]
         # steps at least as much longer as the links, so that errors of both fall alike
         least = min(fewer / links, FEWER_IMPLICIT_STEPS if part is None else FEWER_STEPS) if is_given else fewer / links
-        state = coarse(rate * companion_steps(least, part, run.step_limit / explicit.step_limit))
+        state = coarse.as_companion()(rate * companion_steps(least, part, run.step_limit / explicit.step_limit))
     except (RunStopped, SceneError):  # too few links for this scene
         return solved._replace(space_error=math.nan)
     distance = distance_of(coarse, state, run, solved.trajectory, every)

@@ -152,8 +152,8 @@ def simulate(
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
         largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
         trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps), "error_estimate"
-        (of the links, by a companion run with 0.6 times as many, or half: a quarter to half of the time more; with a given step
-        it contains the error of that); only these are computed.
+        (of the links, by a companion run with 0.6 times as many, or half: mostly a quarter to half of the time more; with a given
+        step it contains the error of that); only these are computed.
         Extremes are of the steps: output times between two of them do not count.
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Self
 
 import numpy as np
 import xarray as xr
@@ -104,6 +104,10 @@ class ChainRun:
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Run with a number of steps per second."""
         raise NotImplementedError
+
+    def as_companion(self) -> Self:
+        """Return this run as one that only estimates the error of another: the same, but for implicit steps."""
+        return self
 
     @cached_property
     def step_limit(self) -> float:

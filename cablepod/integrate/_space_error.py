@@ -18,6 +18,10 @@ FEWER_STEPS, FEWER_IMPLICIT_STEPS = 0.4, 0.5
 #: Number of output times from which an implicit companion of a given step has every second one, which twice as long steps meet:
 #: to interpolate between steps takes as long as to make them.
 MANY_TIMES = 100
+#: Newton tolerance of an implicit companion over that of a run: its longer steps then need no more iterations.  What a correction
+#: leaves grows with its square, so that the tension is right to 1e-7 in place of 1e-10, for a distance of which two digits are
+#: wanted.
+COMPANION_NEWTON = 30.0
 #: Largest part of the stability limit that steps of a companion are lengthened to, and part above which steps are close to it.
 MOST_OF_LIMIT, CLOSE_TO_LIMIT = 0.9, 0.65
 #: Loops over links vectorise best with multiples of this number.

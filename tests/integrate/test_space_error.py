@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 import warnings
 
 import numpy as np
@@ -14,7 +15,7 @@ from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.discretisation._interpolation import at_places
 from cablepod.integrate._coarse import driven_of
-from cablepod.integrate._space_error import FEWER_IMPLICIT_STEPS
+from cablepod.integrate._space_error import COMPANION_NEWTON, FEWER_IMPLICIT_STEPS
 from cablepod.parameters._from_scene import parameters
 
 
@@ -96,6 +97,47 @@ def test_with_a_given_step_the_estimate_contains_its_error(name):
     )
     error = float(cp.compare.errors(run, truth).error_max)
     assert error / 3.0 < run.attrs["space_error_estimate"] < 3.0 * error
+
+
+@pytest.mark.parametrize("name", ["example2", "example3", "example4"])
+@pytest.mark.parametrize(
+    ("simulate", "option"),
+    [(cp.chain.simulate, {"links": links}) for links in (10, 40)] + [(cp.cable.simulate, {"elements": 4})],
+)
+def test_an_implicit_companion_makes_half_the_iterations(name, simulate, option, monkeypatch):
+    # of a run with one iteration a step; with its tolerance the steps of the companion, twice as long, take two in example 3
+    made, call = [], ImplicitChainRun.__call__
+
+    def noted(run, rate):
+        made.append(call(run, rate))
+        return made[-1]
+
+    monkeypatch.setattr(ImplicitChainRun, "__call__", noted)
+    simulate(
+        examples.scene(name), law="linear", times=np.linspace(0.0, 60.0, 601), scheme="trapezoidal", step=0.02,
+        outputs=("error_estimate",), **option,
+    )  # fmt: skip
+    run, companion = (state.diagnostics["newton_iterations"] for state in made)
+    assert companion <= 0.52 * run
+
+
+@pytest.mark.parametrize("simulate", [cp.chain.simulate, cp.cable.simulate])
+@pytest.mark.parametrize("step", [0.02, 0.1])
+@pytest.mark.parametrize("damping", [{}, {"damping": {"ratios": [0.02] * 4}}])
+def test_the_tolerance_of_newton_does_not_show_in_the_estimate(simulate, step, damping, monkeypatch):
+    # two digits of the distance are wanted; with damping ratios the iterations converge linearly
+    scene = cp.make_scene({**tomllib.loads(examples.scene_path("example3").read_text()), **damping})
+    option = {"links": 40} if simulate is cp.chain.simulate else {"elements": 4}
+
+    def estimate(factor):
+        monkeypatch.setattr("cablepod.chain._implicit.COMPANION_NEWTON", factor)
+        run = simulate(
+            scene, law="linear", times=np.linspace(0.0, 60.0, 601), scheme="trapezoidal", step=step,
+            outputs=("error_estimate",), **option,
+        )  # fmt: skip
+        return run.attrs["space_error_estimate"]
+
+    assert estimate(COMPANION_NEWTON) == pytest.approx(estimate(1.0), rel=1e-3)
 
 
 def test_each_member_has_the_estimate_of_its_scene():
