@@ -1,9 +1,23 @@
-"""Studies of a mast: MoorDyn's lines beside its guys."""
+"""Studies of a mast: its continuous guys, MoorDyn's lines beside its guys."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from mast import moordyn_lines, opensees
+import xarray as xr
+from mast import moordyn_lines, opensees, run
+
+
+def test_extrapolation_leaves_nothing_of_an_error_of_second_order():
+    exact = {name: np.arange(1.0, 4.0) for name in run.COMPARED}
+
+    def chains(links):
+        return xr.Dataset({name: ("guy", values + 7.0 / links**2) for name, values in exact.items()} | {"energy": 1.0})
+
+    guys = run.extrapolated(chains(160), chains(80))
+    assert sorted(guys.data_vars) == sorted(run.COMPARED)
+    for name, values in exact.items():
+        np.testing.assert_allclose(guys[name], values, rtol=1e-14)
 
 
 @pytest.mark.slow
