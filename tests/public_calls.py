@@ -105,6 +105,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.guy_tensions": (("mast run",), {}),
     "plots.mast_shapes": (("mast frequencies",), {}),
     "plots.backbone": (("free",), {}),
+    "plots.end_tensions": (("chain",), {}),
     "plots.error_against_run_time": (("comparison",), {}),
     "plots.error_over_time": (("comparison",), {}),
     "plots.frequency_response": (("response",), {}),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,11 @@ if TYPE_CHECKING:
 
 #: Level of compression: half the time of the default, with one percent more bytes.
 LEVEL = 4
+#: Number of letters in a line of a title.
+TITLE_WIDTH = 80
 
 
-def write_figure(figure: Figure, path: Path, *, dpi: int = 150) -> None:
+def write_figure(figure: Figure, path: Path, *, title: str = "", dpi: int = 150) -> None:
     """Write a figure as a PNG file, atomically, and close it.
 
     It is laid out and drawn once, where ``savefig`` draws a figure with a constrained layout twice.
@@ -28,6 +31,8 @@ def write_figure(figure: Figure, path: Path, *, dpi: int = 150) -> None:
         With a white or another opaque background.
     path
         The file, which is replaced; its folder must exist.
+    title
+        Written above all axes, in lines that fit; none by default.
     dpi
         Dots per inch.
     """
@@ -36,6 +41,8 @@ def write_figure(figure: Figure, path: Path, *, dpi: int = 150) -> None:
 
     try:
         figure.set_dpi(dpi)
+        if title:
+            figure.suptitle(textwrap.fill(title, TITLE_WIDTH), fontsize="medium")
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         picture = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))

@@ -18,17 +18,18 @@ import xarray as xr
 from cablepod.archive._checked import changed
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, restored, version
 from cablepod.archive._seal import SCHEMA, seal_of
+from cablepod.conventions import printed
 from cablepod.errors import ArchiveError, printable
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
 KIND = "cablepod ensemble"
 #: Attributes specific to one batch; other text attributes, if equal in all batches, become attributes of the ensemble.
 BATCH_ATTRIBUTES = ("id", "history", "history_json", "title", "date_created", "source", "summary")
-#: Key of an entry -> variables of members and places, factor and units of the largest value as printed.
-PEAKS: dict[str, tuple[tuple[str, ...], float, str]] = {
-    "largest_tension": (("tension_maximum", "guy_tension_maximum"), 1.0, "N"),
-    "largest_fatigue_range": (("fatigue_range",), 1.0, "N"),
-    "largest_utilisation": (("utilisation",), 100.0, "%"),
+#: Key of an entry -> variables of members and places of which the largest value is kept, and units by which it is printed.
+PEAKS: dict[str, tuple[tuple[str, ...], str]] = {
+    "largest_tension": (("tension_maximum", "guy_tension_maximum"), "N"),
+    "largest_fatigue_range": (("fatigue_range",), "N"),
+    "largest_utilisation": (("utilisation",), "%"),
 }
 FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did not"}
 
@@ -162,7 +163,7 @@ def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
         },
         "failed": {str(number): reason for number, reason in zip(numbers, reasons, strict=True) if reason},
         "not_converged": time_errors(batch, batch.attrs.get("accepted_time_error", math.inf)),
-        **{key: _largest(batch, names) for key, (names, _, _) in PEAKS.items() if set(names) & set(batch.variables)},
+        **{key: _largest(batch, names) for key, (names, _) in PEAKS.items() if set(names) & set(batch.variables)},
     }
 
 
@@ -315,7 +316,7 @@ def _convergence(manifest: Mapping[str, Any]) -> Iterator[str]:
 
 def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of the largest tension, fatigue range and utilisation, with parameters and time errors of the member."""
-    for key, (_, factor, unit) in PEAKS.items():
+    for key, (_, units_of_peak) in PEAKS.items():
         peaks = [entry[key] for entry in manifest["done"].values() if entry.get(key)]
         if not peaks:
             continue
@@ -328,7 +329,7 @@ def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
         )
         where = f" ({at})" if at else ""
         guy = f", guy {peak['guy']}" if "guy" in peak else ""
-        value = f"{_digits(factor * peak['value'])} {unit}"
+        value = printed(peak["value"], units_of_peak)
         if "fatigue" in peak:
             value += " (exponent {:g} at {:g} Hz)".format(*peak["fatigue"])
         yield f"{key.replace('_', ' ')}  {value}, in member {peak['member']}{guy}{where}{doubt}"
@@ -340,8 +341,3 @@ def _with_units(value: float | str, units: str | None) -> str:
         return value
     hertz = f" ({value / (2.0 * math.pi):.4g} Hz)" if units == "rad s-1" else ""
     return f"{value:.5g} {units or ''}".rstrip() + hertz
-
-
-def _digits(value: float) -> str:
-    """Return a number with five digits, a large one without exponent."""
-    return f"{value:.0f}" if 1e5 <= abs(value) < 1e9 else f"{value:.5g}"

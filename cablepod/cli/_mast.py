@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import ENDINGS_OF_AIR
+from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, part_of_run
+from cablepod.conventions import ENDINGS_OF_AIR, digits, direction, printed, printed_unit
 from cablepod.plots._mast import modes_of_mast
+from cablepod.study._mast import FIGURES
 
 #: Number of frequencies that are printed.
 FREQUENCIES = 6
+#: What the column of directions tells.
+TOWARDS = "towards: angle from +x towards +z of the anchor, seen from the mast"
 _, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 
 
@@ -56,14 +60,14 @@ def check_text(scene: xr.Dataset) -> str:
     windy = f"frequency{OF_STILL_AIR}" in numbers
     states = {OF_STILL_AIR: "still air", OF_MEAN_WIND: "mean wind"} if windy else {"": "at rest"}
     lines = [f"  {'rest':<28}{numbers.attrs['air']}"] if windy else []
-    for text, name, unit, factor in (
-        ("axial force at the foot", "axial_force_foot", "kN", 1e-3), ("critical factor of buckling", "buckling_factor", "", 1.0),
-        ("largest displacement", "displacement_largest", "m", 1.0),
-        ("largest bending moment", "bending_moment_largest", "kN m", 1e-3), ("first frequencies", "frequency", "Hz", 1.0),
+    for text, name in (
+        ("axial force at the foot", "axial_force_foot"), ("critical factor of buckling", "buckling_factor"),
+        ("largest displacement", "displacement_largest"), ("largest bending moment", "bending_moment_largest"),
+        ("first frequencies", "frequency"),
     ):  # fmt: skip
         for number, (ending, state) in enumerate(states.items()):
-            values = "  ".join(_number(factor * value) for value in np.atleast_1d(numbers[f"{name}{ending}"].values))
-            lines.append(f"  {'' if number else text:<28}{state:<11}{values} {unit}".rstrip())
+            values = _printed(numbers[f"{name}{ending}"])
+            lines.append(f"  {'' if number else text:<28}{state:<11}{values}")
     ends = {"guy_tension_anchor": "anchor [kN]", "guy_tension": "mast [kN]"}
     lines.append("")
     if len(states) > 1:
@@ -74,23 +78,20 @@ def check_text(scene: xr.Dataset) -> str:
     for g in range(numbers.sizes.get("guy", 0)):
         anchor = numbers["anchor"][g].values
         lines.append(
-            f"  {g + 1:>3}{float(numbers['guy_level'][g]):>11g}{direction(anchor):>10}{place(anchor):>21}"
+            f"  {g + 1:>3}{float(numbers['guy_level'][g]):>11g}{direction(anchor[0], anchor[2]):>10}{place(anchor):>21}"
             f"{float(numbers['guy_length'][g]):>12.4f}"
             + "".join(f"{1e-3 * float(numbers[name][g]):>{12 - n % 2 * 2}.3f}" for n, (name, _) in enumerate(columns))
         )
     if numbers.sizes.get("guy", 0):
-        lines.append("  (towards: angle of the anchor from +x to +z, seen from the mast)")
+        lines.append(f"  ({TOWARDS})")
     return "\n".join([*lines, *(f"  note: {note}" for note in str(numbers["note"].values).split("\n") if note)])
 
 
-def _number(value: float) -> str:
-    """Return four digits; rounding of a number that is 0 is not shown."""
-    return "0" if abs(value) < 1e-9 else f"{value:.4g}"
-
-
-def direction(anchor: np.ndarray) -> str:
-    """Return the horizontal direction from the mast to an anchor, from +x to +z."""
-    return f"{round(math.degrees(math.atan2(anchor[2], anchor[0])), 1) % 360.0:g} deg"
+def _printed(values: xr.DataArray) -> str:
+    """Return quantities with four digits, in the unit of the largest; rounding of a number that is 0 is not shown."""
+    numbers = np.atleast_1d(np.where(np.abs(values.values) < 1e-9, 0.0, values.values))
+    factor, unit = printed_unit(values.attrs["units"], float(np.abs(numbers).max()))
+    return f"{'  '.join(digits(factor * number, 4) for number in numbers)} {unit}".rstrip()
 
 
 def place(anchor: np.ndarray) -> str:
@@ -107,6 +108,7 @@ def as_json(study: xr.DataTree) -> str:
 def text(study: xr.DataTree, folder: Path) -> str:
     """Return what the command prints: answers, and tensions of each guy."""
     found, rows, rest = answers(study), table_of_guys(study), study["rest"]
+    guys = study["guys"].attrs if rows else {}
     factor = "none" if found["buckling_factor"] is None else f"{found['buckling_factor']:.3g}"
     lines = [
         str(study.attrs["title"]),
@@ -117,29 +119,25 @@ def text(study: xr.DataTree, folder: Path) -> str:
     of_mast = "  ".join(f"{value:.4g}" for value in found["frequencies_of_the_mast_hertz"])
     lines.append(f"             {of_mast} Hz, of these most of the mast, as in modes.png")
     lines += [
-        f"motion       {found['largest_displacement']:.4g} m at {found['largest_displacement_level']:g} m, "
-        f"bending moment {1e-3 * found['largest_bending_moment']:.4g} kN m at {found['largest_bending_moment_height']:g} m",
+        f"motion       {printed(found['largest_displacement'], 'm', 4)} at {found['largest_displacement_level']:g} m, bending "
+        f"moment {printed(found['largest_bending_moment'], 'N m', 4)} at {found['largest_bending_moment_height']:g} m",
         f"             step {found['step']:.4g} s, {found['wall_time_s']:.2g} s of run time"
         + (f" (and {found['compile_time_s']:.2g} s of compiling, once on this machine)" if found["compile_time_s"] else "")
         + ("" if found["error_estimate"] is None else f", estimated error of tensions {100.0 * found['error_estimate']:.2g} %"),
         "",
-        f"tension of the guys at the mast [kN], at rest in {rest.attrs['air']}; fatigue: equivalent range of one cycle a second, "
-        f"exponent {study['guys'].attrs['exponent']:g}" if rows else "",
-        f"{'guy':>3}{'level [m]':>11}{'towards':>10}{'rest':>9}"
-        + "".join(f"{head:>9}" for head in ("mean", "std", "least", "peak", "at [s]")) + f"{'fatigue':>10}"
-        + (f"{'used':>8}" if rows and "utilisation" in rows[0] else ""),
+        f"tension of the guys at the mast [kN], at rest in {rest.attrs['air']}; {part_of_run(guys)}" if rows else "",
+        f"{fatigue_text(guys)}; {TOWARDS}" if rows else "",
+        f"{'guy':>3}{'level [m]':>11}{'towards':>10}{'anchor [m]':>21}{'rest':>9}"
+        + HEADS + (f"{'used':>8}" if rows and "utilisation" in rows[0] else ""),
     ]  # fmt: skip
     for row in rows:
-        kilo = [1e-3 * row[name] for name in ("mean", "std", "least", "peak")]
-        numbers = "".join(f"{value:>9.3f}" for value in kilo)
-        line = f"{row['guy']:>3}{row['level']:>11g}{direction(np.array(row['anchor'])):>10}{1e-3 * row['rest']:>9.3f}{numbers}"
-        line += f"{row['peak_time']:>9.2f}"
-        line += f"{1e-3 * row['fatigue_range']:>10.3f}"
+        anchor = row["anchor"]
+        line = f"{row['guy']:>3}{row['level']:>11g}{direction(anchor[0], anchor[2]):>10}{place(np.array(anchor)):>21}"
+        line += f"{1e-3 * row['rest']:>9.3f}{columns(row)}"
         if "utilisation" in row:
             line += f"{100.0 * row['utilisation']:>6.1f} %"
         lines.append(line)
-    files = [path.name for path in sorted(folder.iterdir()) if path.suffix in (".nc", ".png")]
-    return "\n".join([*lines, "", f"{folder}: {', '.join(files)}"])
+    return "\n".join([*lines, "", files_text(folder, FIGURES)])
 
 
 def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:

@@ -178,7 +178,7 @@ def _figures(folder: Path, drawings: Any, result: xr.Dataset) -> None:
 
     mpl.use("Agg")
     for name, draw in drawings:
-        write_figure(draw(result).figure, folder / name)
+        write_figure(draw(result).figure, folder / name, title=str(result.attrs["title"]))
 
 
 def _frequencies(values: np.ndarray, hertz: bool) -> np.ndarray:

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import ENDINGS_OF_AIR, STILL_AIR
+from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, part_of_run
+from cablepod.conventions import ENDINGS_OF_AIR, ENDS, STILL_AIR, printed, printed_unit
+from cablepod.study._figures import FIGURES
 from cablepod.study._models import fastest_chain
 from cablepod.study._run import TRUTH_TOLERANCE
 
@@ -82,9 +84,8 @@ def as_json(study: xr.DataTree) -> str:
 
 def text(study: xr.DataTree, folder: Path) -> str:
     """Return what the command prints: title, answers, models, singular values, files."""
-    files = [path.name for path in sorted(folder.iterdir()) if path.suffix in (".nc", ".png")]
     parts = [study.attrs["title"], answers_text(study), table(study), singular_values(study["modes"].to_dataset())]
-    return "\n\n".join([*parts, f"{folder}: {', '.join(files)}"])
+    return "\n\n".join([*parts, files_text(folder, FIGURES)])
 
 
 def answers(study: xr.DataTree) -> dict[str, Any]:
@@ -97,7 +98,25 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
             values = numbers[name]
             found[name] = [_number(value) for value in values] if values.ndim else _number(values)
     found["tension"] = {kind: _peak(study, kind) for kind in ("maximum", "minimum")}
+    if "breaking_strength" in numbers:
+        found["breaking_strength"] = float(numbers["breaking_strength"])
+        found["utilisation"] = found["tension"]["maximum"]["value"] / found["breaking_strength"]
+    if "tension" in study:
+        found["tension"] |= _statistics(study["tension"].to_dataset())
     return found
+
+
+def _statistics(ends: xr.Dataset) -> dict[str, Any]:
+    """Return the statistics of a cable in the wind: of which part of the run, and a row for each end [N, s]."""
+    names = {
+        "mean": "end_tension_mean", "std": "end_tension_std", "least": "end_tension_minimum", "peak": "end_tension_maximum",
+        "peak_time": "end_tension_maximum_time", "fatigue_range": "fatigue_range",
+    }  # fmt: skip
+    rows = {
+        str(end): {name: float(ends[variable].sel(end=end)) for name, variable in names.items()}
+        for end in ends["end"].values
+    }
+    return {name: ends.attrs[name] for name in ("window_start", "window_end", "exponent", "frequency")} | rows
 
 
 def _peak(study: xr.DataTree, kind: str) -> dict[str, Any]:
@@ -129,9 +148,10 @@ def answers_text(study: xr.DataTree) -> str:
     air, windy = found["air"], "sag_still_air" in found
     model = "continuous cable" if windy else "exact catenary without point loads"
     lines = [
-        f"at rest      length {found['unstretched_length']:.5g} m, sag {sag:.3g} m ({100 * sag / chord:.2g} % of the chord), "
-        f"stress {found['stress'] / 1e6:.4g} MPa",
-        f"             tension {found['tension_lower']:.5g} N at the lower end, {found['tension_upper']:.5g} N at the upper",
+        f"at rest      length {printed(found['unstretched_length'], 'm')}, sag {printed(sag, 'm', 3)} "
+        f"({100 * sag / chord:.2g} % of the chord), stress {printed(found['stress'], 'Pa', 4)}",
+        f"             tension {printed(found['tension_lower'], 'N')} at the lower end, "
+        f"{printed(found['tension_upper'], 'N')} at the upper",
         f"             {model}{f' in {air}' if windy else ''}; the chain of {links} links differs by {100 * change:.2g} %",
         f"vibration    {_vibrations(found)}, about rest",
     ]
@@ -140,14 +160,27 @@ def answers_text(study: xr.DataTree) -> str:
         lines.append(_in_other_air(found, of_mean_wind if air.startswith(STILL_AIR) else of_still_air))
     for name, kind in (("largest", "maximum"), ("smallest", "minimum")):
         peak = found["tension"][kind]
-        trust = "" if peak["error"] is None else f", ± {peak['error']:.2g} N by the length of the links"
+        factor, unit = printed_unit("N", peak["value"])
+        trust = "" if peak["error"] is None else f", ± {factor * peak['error']:.2g} {unit} by the length of the links"
         lines.append(
-            f"tension      {name} {peak['value']:.5g} N at {peak['time']:.4g} s, "
-            f"S / L0 = {peak['arc_length'] / length:.2g}{trust}"
+            f"tension      {name} {printed(peak['value'], 'N')} at {peak['time']:.4g} s, {peak['arc_length']:.3g} m "
+            f"along the cable (S / L0 = {peak['arc_length'] / length:.2g}){trust}"
         )
     lines.append("             over all time steps; output times between steps do not count")
+    if "utilisation" in found:
+        strength = printed(found["breaking_strength"], "N")
+        used = printed(found["utilisation"], "%", 3)
+        lines.append(f"             utilisation {used}: the largest over the breaking strength of {strength}")
+    if "tension" in study:
+        lines += _statistics_text(found["tension"])
     notes = [line for line in str(study["summary"].to_dataset()["note"].values).split("\n") if line]
     return "\n".join(lines + [f"note         {note}" for note in notes])
+
+
+def _statistics_text(found: dict[str, Any]) -> list[str]:
+    """Return the statistics of a cable in the wind as lines, a row for each end."""
+    lines = [f"in the wind  {part_of_run(found)}; {fatigue_text(found)}", f"             tension [kN]{HEADS}"]
+    return lines + [f"             {end + ' end':<12}{columns(found[end])}" for end in reversed(ENDS)]
 
 
 def _vibrations(found: dict[str, Any], ending: str = "") -> str:
@@ -159,7 +192,7 @@ def _vibrations(found: dict[str, Any], ending: str = "") -> str:
 def _in_other_air(found: dict[str, Any], ending: str) -> str:
     """Return tension and frequencies in the air in which the scene is not at rest, still air or the mean wind."""
     tension = found[f"tension_upper{ending}"]
-    upper = "no rest" if tension is None else f"{tension:.5g} N at the upper end"
+    upper = "no rest" if tension is None else f"{printed(tension, 'N')} at the upper end"
     return f"             {ENDINGS_OF_AIR[ending]}: {upper}, {_vibrations(found, ending)}"
 
 

@@ -7,32 +7,34 @@ import math
 
 import xarray as xr
 
-from cablepod.conventions import ENDINGS_OF_AIR
+from cablepod.conventions import ENDINGS_OF_AIR, digits, printed
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
 from cablepod.scene._ranges import are_choices, points_of_grid
 
-#: Lines of the table: text, name, unit as printed, factor from SI.
+#: Lines of the table: text and name.
 LINES = (
-    ("chord", "chord", "m", 1.0),
-    ("inclination of the chord", "inclination", "degrees", 180.0 / math.pi),
-    ("weight", "weight_per_length", "N/m", 1.0),
-    ("mass", "mass_per_length", "kg/m", 1.0),
-    ("density", "density", "kg/m3", 1.0),
-    ("axial stiffness EA", "axial_stiffness", "MN", 1e-6),
-    ("unstretched length", "unstretched_length", "m", 1.0),
-    ("tension, upper end", "tension_upper", "N", 1.0),
-    ("tension, lower end", "tension_lower", "N", 1.0),
-    ("stress", "stress", "MPa", 1e-6),
-    ("strain", "strain", "%", 100.0),
-    ("sag", "sag", "m", 1.0),
-    ("sag over chord", "sag_over_chord", "%", 100.0),
-    ("Irvine's lambda squared", "irvine_parameter", "", 1.0),
-    ("loads over weight", "load_over_weight", "", 1.0),
-    ("motion over chord", "motion_over_chord", "%", 100.0),
-    ("breaking strength", "breaking_strength", "N", 1.0),
-    ("utilisation at rest", "utilisation", "%", 100.0),
+    ("chord", "chord"),
+    ("inclination of the chord", "inclination"),
+    ("weight", "weight_per_length"),
+    ("mass", "mass_per_length"),
+    ("density", "density"),
+    ("axial stiffness EA", "axial_stiffness"),
+    ("unstretched length", "unstretched_length"),
+    ("tension, upper end", "tension_upper"),
+    ("tension, lower end", "tension_lower"),
+    ("stress", "stress"),
+    ("strain", "strain"),
+    ("sag", "sag"),
+    ("sag over chord", "sag_over_chord"),
+    ("Irvine's lambda squared", "irvine_parameter"),
+    ("loads over weight", "load_over_weight"),
+    ("motion over chord", "motion_over_chord"),
+    ("breaking strength", "breaking_strength"),
+    ("utilisation at rest", "utilisation"),
 )
+#: Ratios that are printed in per cent.
+SHARES = ("strain", "sag_over_chord", "motion_over_chord", "utilisation")
 _, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 FREQUENCIES = (
     ("first frequencies in plane", "in_plane"),
@@ -44,16 +46,17 @@ def table(summary: xr.Dataset) -> str:
     """Return the numbers of a summary one a line, its frequencies in Hz and rad/s, and its notes."""
     windy = any(str(name).endswith(OF_STILL_AIR) for name in summary)
     lines = [f"  {'rest':<32}{summary.attrs['air']}"] if windy else []
-    for text, name, unit, factor in LINES:
+    for text, name in LINES:
         if name in summary and not math.isnan(float(summary[name])):
-            values = [f"{_digits(factor * float(summary[key]))} {unit}".rstrip() for key, _ in _states(summary, name)]
+            units = "%" if name in SHARES else summary[name].attrs["units"]
+            values = [printed(float(summary[key]), units) for key, _ in _states(summary, name)]
             lines.append(f"  {text:<32}" + _side_by_side(values))
     for text, plane in FREQUENCIES:
         for key, state in _states(summary, f"frequency_{plane}"):
-            hertz, omega = ("  ".join(map(_digits, summary[name].values)) for name in (key, f"angular_{key}"))
+            hertz, omega = ("  ".join(map(digits, summary[name].values)) for name in (key, f"angular_{key}"))
             found = "none" if "nan" in hertz else f"{hertz} Hz  ({omega} rad/s){state and f' in {state}'}"
             lines.append(f"  {text:<32}{found}")
-    hertz, omega = (_digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
+    hertz, omega = (digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")
     notes = [line for line in str(summary["note"].values).split("\n") if line]
     return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
@@ -118,10 +121,5 @@ def ensemble_of(scene: xr.Dataset) -> str:
         target, key = variable_of(scene, path), key_of_variable(variable_name(path))
         units = str(scene[target[0]].attrs.get("units", "")) if target else (key.units or "" if key else "")
         count = f", {len(values) if len(values) > 2 else points} values" if grid else ""
-        lines.append(f"  {path:<31} {_digits(min(values))} to {_digits(max(values))} {units}{count}")
+        lines.append(f"  {path:<31} {digits(min(values))} to {digits(max(values))} {units}{count}")
     return "\n".join(lines)
-
-
-def _digits(value: float) -> str:
-    """Return a number with five digits, a large one without exponent."""
-    return f"{value:.0f}" if 1e5 <= abs(value) < 1e9 else f"{value:.5g}"

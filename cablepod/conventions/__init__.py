@@ -8,6 +8,7 @@ arithmetic.  Units are UDUNITS strings, which pint reads too.
 | `_vocabulary.py` | dimensions and their labels, names, units and long names |
 | `_orders.py` | orders of labels and instants |
 | `_datasets.py` | Datasets with units, long names and shared indexes |
+| `_printed.py` | units for people: kN, m or mm, Hz in tables and figures |
 """
 
 from cablepod.conventions._datasets import (
@@ -19,6 +20,7 @@ from cablepod.conventions._datasets import (
     shared_coordinates,
 )
 from cablepod.conventions._orders import ORDERED, is_in_order, is_rising
+from cablepod.conventions._printed import digits, direction, printed, printed_unit
 from cablepod.conventions._vocabulary import (
     AIR_OF_EACH,
     ATTRIBUTES,
@@ -52,6 +54,8 @@ __all__ = [
     "UNITS",
     "VARIABLES",
     "attribute_labels",
+    "digits",
+    "direction",
     "is_in_memory",
     "is_in_order",
     "is_rising",
@@ -59,5 +63,7 @@ __all__ = [
     "labelled_dataset",
     "names_in_air",
     "plain_indexes",
+    "printed",
+    "printed_unit",
     "shared_coordinates",
 ]

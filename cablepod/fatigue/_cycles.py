@@ -21,6 +21,8 @@ LABELS = {
     "cycle_start": ("dim", "{dim} at which the cycle begins"),
     "cycle_end": ("dim", "{dim} at which the cycle ends"),
 }
+#: Exponent of the S-N curve and frequency [Hz] of equivalent ranges, also of those that studies and ensembles give.
+EXPONENT, FREQUENCY = 4.0, 1.0
 #: Number of samples from which a thread pays (0.1 ms, their hash 0.4 ms).
 MIN_IN_BACKGROUND = 100_000
 
@@ -106,7 +108,9 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     return provenance.record(result, function="fatigue.ranges", parameters={"series": identity(), "dim": dim})
 
 
-def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 1.0, dim: str = "time") -> xr.DataArray:
+def equivalent(
+    series: xr.DataArray, *, exponent: float = EXPONENT, frequency: float = FREQUENCY, dim: str = "time"
+) -> xr.DataArray:
     """Compute the constant range of the same fatigue damage.
 
     Parameters

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import xarray as xr
 
 from cablepod import fatigue
-
-#: Exponent of the S-N curve and frequency [Hz] of the equivalent ranges that studies and ensembles give of every guy.
-EXPONENT, FREQUENCY = 4.0, 1.0
+from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
 
 
 def guy_fatigue(motion: xr.Dataset, window: Sequence[float] | None = None) -> xr.DataArray | None:

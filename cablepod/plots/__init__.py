@@ -4,7 +4,7 @@
 """
 
 from cablepod.plots._animation import Animation, animate
-from cablepod.plots._cables import phase_portraits, rest, shapes, snapshots, tension
+from cablepod.plots._cables import end_tensions, phase_portraits, rest, shapes, snapshots, tension
 from cablepod.plots._maps import parameter_map, stability
 from cablepod.plots._mast import bending_moments, guy_tensions, mast_shapes
 from cablepod.plots._mast_animation import animate_mast
@@ -27,6 +27,7 @@ __all__ = [
     "animate_orbit",
     "backbone",
     "bending_moments",
+    "end_tensions",
     "error_against_run_time",
     "error_over_time",
     "frequency_response",

@@ -65,7 +65,13 @@ class Animation:
             text += f", {self._frames_per_second * interval:.2g} x real time"
         self._clock.set_text(text)
 
-    def save(self, path: str | os.PathLike[str], *, frames_per_second: float = FRAMES_PER_SECOND) -> Path:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        frames_per_second: float = FRAMES_PER_SECOND,
+        progress: Callable[[float], None] | None = None,
+    ) -> Path:
         """Write the animation to a file; an existing file is replaced.
 
         Parameters
@@ -75,6 +81,8 @@ class Animation:
             install 'cablepod[mp4]'``).
         frames_per_second
             Frame rate [1/s], at most 50.
+        progress
+            Callback receiving the completed fraction, which never falls and ends at 1.
 
         Returns
         -------
@@ -111,17 +119,21 @@ class Animation:
         try:
             with mpl.rc_context():
                 mpl.rcParams["animation.ffmpeg_path"] = program
-                self._write(writer, target)
+                self._write(writer, target, progress)
         finally:
             self.figure.set_layout_engine(engine)
             self.figure.set_size_inches(width, height)  # the video writer rounds to even numbers of pixels
         return target
 
-    def _write(self, writer: Any, target: Path) -> None:
+    def _write(self, writer: Any, target: Path, progress: Callable[[float], None] | None) -> None:
         with writer.saving(self.figure, str(target), DOTS_PER_INCH):
             for i in range(self.times.size):
                 self._draw(i)
                 writer.grab_frame()
+                if progress is not None and i + 1 < self.times.size:
+                    progress((i + 1) / self.times.size)
+        if progress is not None:
+            progress(1.0)  # the file is written
 
     def _repr_html_(self) -> str:
         if self._page is None:

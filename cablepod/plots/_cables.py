@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod.conventions import printed
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice, number, numbers_list
 from cablepod.plots import _style
@@ -15,6 +16,8 @@ from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MAX
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+TENSIONS = 'a trajectory with tensions, from a simulate with outputs=("tension",)'
 
 
 def shapes(
@@ -162,6 +165,48 @@ def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None 
     return _style.finish(ax, title="at rest, seen along z" if line.sizes["coordinate"] > 2 else "at rest")
 
 
+def end_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Draw the tension at both ends over time.
+
+    Parameters
+    ----------
+    run
+        Trajectory with ``tension (time, link)`` [N], as of ``chain.simulate(..., outputs=("tension",))``, of which the first and
+        the last link are drawn; or the stage "tension" of :func:`cablepod.study.run`, with ``end_tension (time, end)``.
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones: time [s] across, tension up.  Where the largest or the smallest tension over all time steps, with its
+        instant, is in the Dataset, a marker shows it.
+
+    Raises
+    ------
+    SceneError
+        For a Dataset without tensions.
+    """
+    if isinstance(run, xr.Dataset) and "end_tension" in run:
+        array = _style.take("run", run, "end_tension", ("time", "end"), TENSIONS)
+    else:
+        array = _style.take("run", run, "tension", ("time", "link"), TENSIONS)
+    ax = _style.axes(ax)
+    upper, lower = array.values[:, -1], array.values[:, 0]
+    ax.plot(array["time"].values, upper, color=COLOURS[0], linewidth=1.0, label="upper end")
+    ax.plot(array["time"].values, lower, color=COLOURS[1], linestyle=LINES[1], linewidth=1.0, label="lower end")
+    for name, text, marker in (("maximum", "largest", "^"), ("minimum", "smallest", "v")):
+        if {f"tension_{name}", f"tension_{name}_time"} <= set(run.variables):
+            values = _style.take("run", run, f"tension_{name}", (), TENSIONS, more=1).values
+            time = float(_style.take("run", run, f"tension_{name}_time", (), TENSIONS))
+            value = float(values.max() if name == "maximum" else values.min())
+            label = f"{text}, {printed(value, 'N')}\nat {time:.4g} s"
+            ax.plot([time], [value], color=COLOURS[3], linestyle="none", marker=marker, markersize=7, label=label)
+    ax.set(xlabel="time [s]")
+    _style.label_axis(ax.yaxis, "tension [N]", array.values)
+    return _style.finish(ax)
+
+
 def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw the tension over arc length and time.
 
@@ -175,23 +220,22 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones: time [s] across, S / L0 up, tension by colour with a colour bar.  Tensions of zero or less are
-        hatched.
+        `ax`, or new ones: time [s] across, unstretched arc length up, in metres from the lower end where the run has
+        ``link_arc_length``, else as S / L0; tension by colour with a colour bar.  Tensions of zero or less are hatched.
 
     Raises
     ------
     SceneError
         For a Dataset without tensions, or with a single instant or link.
     """
-    allowed = 'a trajectory with tensions, from a simulate with outputs=("tension",)'
-    array = _style.take("run", run, "tension", ("time", "link"), allowed)
-    across, up = array["time"].values, _middles(run, array)
+    array = _style.take("run", run, "tension", ("time", "link"), TENSIONS)
+    across, (up, place) = array["time"].values, _middles(run, array)
     if min(array.shape) < 2:
         raise scene_error("run", f"tension {dict(array.sizes)}", "two instants and two links at least")
     ax = _style.axes(ax)
     # cividis is monotonic in grey and safe for colour-blind readers
     mesh = ax.pcolormesh(across, up, array.values.T, cmap="cividis", shading="nearest", rasterized=True)
-    ax.figure.colorbar(mesh, ax=ax, label="tension [N]")
+    _style.label_axis(ax.figure.colorbar(mesh, ax=ax).ax.yaxis, "tension [N]", array.values)
     slack = array.values.T <= 0.0
     if slack.any():
         from matplotlib.collections import PolyCollection
@@ -201,7 +245,7 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         # hatches take the edge colour
         ax.add_collection(PolyCollection(list(cells), facecolor="none", edgecolor="white", linewidth=0.0, hatch="////"))
         ax.set_title("hatched: zero or less", fontsize="medium")
-    ax.set(xlabel="time [s]", ylabel=SIGMA)
+    ax.set(xlabel="time [s]", ylabel=place)
     return ax
 
 
@@ -293,19 +337,18 @@ def _factor(position: np.ndarray, first: np.ndarray) -> float:
     return float(rounds[np.abs(np.log(rounds * largest / (0.1 * chord))).argmin()])
 
 
-def _middles(run: xr.Dataset, tension: xr.DataArray) -> np.ndarray:
-    """Return S / L0 [1] of the link centres."""
-    sigma = _style.sigma("run", run)
+def _middles(run: xr.Dataset, tension: xr.DataArray) -> tuple[np.ndarray, str]:
+    """Return the places of the link centres, in metres where the run has them, else S / L0, and the label of their axis."""
     if "link_arc_length" in tension.coords:
-        arc = _style.take("run", run, "arc_length", ("particle",), _style.TRAJECTORY).values
-        links = _style.take("run", run, "link_arc_length", ("link",), _style.TRAJECTORY).values
-        return np.asarray((links - arc[0]) / (arc[-1] - arc[0]))
+        links = _style.take("run", run, "link_arc_length", ("link",), _style.TRAJECTORY)
+        return links.values, "unstretched arc length from the lower end [m]"
+    sigma = _style.sigma("run", run)
     middles = 0.5 * (sigma[1:] + sigma[:-1])
     if middles.size == tension.sizes["link"]:
-        return middles
+        return middles, SIGMA
     numbers = tension["link"].values if "link" in tension.coords else np.zeros(1)
     if numbers.dtype.kind not in "iu" or numbers.min() < 1 or numbers.max() > middles.size:
         raise scene_error(
             "run", f"{tension.sizes['link']} links", f"the {middles.size} between its particles, or numbered ones"
         )
-    return middles[numbers - 1]
+    return middles[numbers - 1], SIGMA

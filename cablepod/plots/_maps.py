@@ -93,7 +93,7 @@ def parameter_map(
         half the motion, by white dots those that go slack.  In a map of the largest tension members are not marked whose
         estimated time error of this tension is below a hundredth of it, though the motion has not converged.  The title tells
         the marks that occur, and how many members have no `x` or `y` and are left out.  Labels are long names and units of the
-        variables; forces from 10 kN on are in kN.
+        variables; forces from 1 kN on are in kN.
 
     Raises
     ------

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import Kind, taken
+from cablepod.conventions import direction
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.plots import _style
@@ -49,7 +50,9 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones, with a colour for each table of guys and a line for each guy.
+        `ax`, or new ones, with a colour for each table of guys and a line for each guy.  The legend tells its level where the
+        run has ``guy_level``, and where it has ``anchor (guy, coordinate)`` [m], as :func:`cablepod.mast.rest` gives it, the
+        direction of the anchor from the mast: the angle from +x towards +z.
 
     Raises
     ------
@@ -65,12 +68,25 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         tables = _numbers("run", run, "table", ("guy",), TENSIONS).values
         if tables.dtype.kind not in "iu":
             raise SceneError(f"run: given table of type {tables.dtype}; allowed: whole numbers, {TENSIONS.allowed}")
+    names = _names_of_guys(run)
     for g, table in enumerate(tables):
         number = int(np.sum(tables[:g] == table))
         colour, line = COLOURS[int(table - 1) % len(COLOURS)], LINES[number % len(LINES)]
-        ax.plot(time, tension[:, g], color=colour, linestyle=line, linewidth=0.8, label=f"guy {g + 1}")
+        ax.plot(time, tension[:, g], color=colour, linestyle=line, linewidth=0.8, label=names[g])
     ax.set(xlabel="time [s]", ylabel="tension at the mast [kN]")
     return _style.finish(ax, fontsize="small")
+
+
+def _names_of_guys(run: xr.Dataset) -> list[str]:
+    """Return number of each guy, with level and direction where the run has them."""
+    names = [f"guy {g + 1}" for g in range(run.sizes["guy"])]
+    if "guy_level" in run:
+        levels = _numbers("run", run, "guy_level", ("guy",), TENSIONS).values
+        names = [f"{name}, {level:g} m" for name, level in zip(names, levels, strict=True)]
+    if "anchor" in run:
+        anchors = _numbers("run", run, "anchor", ("guy", "coordinate"), TENSIONS).values
+        names = [f"{name}, {direction(x, z)}" for name, (x, _, z) in zip(names, anchors, strict=True)]
+    return names
 
 
 def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None = None) -> Axes:

@@ -52,7 +52,8 @@ def animate_mast(
     Returns
     -------
     Animation
-        Shown as a GIF by a notebook; ``animate_mast(...).save("mast.gif")`` or ``"mast.mp4"`` writes it.
+        Shown as a GIF by a notebook; ``animate_mast(...).save("mast.gif")`` or ``"mast.mp4"`` writes it, with its option
+        ``progress``, as frames take long.
 
     Raises
     ------

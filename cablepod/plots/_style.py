@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ANY, WITH_PLACES, drawn_kind, taken
+from cablepod.conventions import printed_unit
 from cablepod.errors import SceneError, scene_error
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -24,8 +25,8 @@ MAX_INSTANTS, DEFAULT_INSTANTS = 6, 5
 MARKS = 12
 #: Number of dots of a chain at one instant, above which particles are skipped.
 MAX_DOTS = 40
-#: Least value of a force that is written in kN [N], and number of letters in a line of the label of an axis.
-KILONEWTON, LABEL_WIDTH = 1e4, 42
+#: Number of letters in a line of the label of an axis.
+LABEL_WIDTH = 42
 #: Variables of each link, or guy of a mast -> dimension and extreme over it.
 OVER_PLACES: dict[str, tuple[str, Any]] = {
     "tension_maximum": ("link", np.max), "tension_minimum": ("link", np.min),
@@ -48,12 +49,13 @@ def axes(ax: Axes | None, *, size: tuple[float, float] = (7.5, 4.2)) -> Axes:
 
 
 def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
-    """Set the label of an axis, in lines that fit; forces from KILONEWTON on are written in kN."""
+    """Set the label of an axis, in lines that fit; forces are written in the unit in which tables print them."""
     from matplotlib.ticker import FuncFormatter
 
-    if label.endswith("[N]") and np.nanmax(np.abs(values), initial=0.0) >= KILONEWTON:
-        label = f"{label.removesuffix('[N]')}[kN]"
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{1e-3 * value:g}"))
+    if label.endswith("[N]"):
+        factor, unit = printed_unit("N", float(np.nanmax(np.abs(values), initial=0.0)))
+        label = f"{label.removesuffix('[N]')}[{unit}]"
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{factor * value:g}"))
     text, _, units = label.rpartition(" ")
     axis.set_label_text(
         textwrap.fill(f"{text}\N{NO-BREAK SPACE}{units}", LABEL_WIDTH).replace("\N{NO-BREAK SPACE}", " ")

@@ -206,7 +206,8 @@ def tension_cycles(tension: xr.DataArray, cycles: xr.Dataset, *, count: int = 20
     ax = _style.axes(ax)
     ax.plot(time, values, color="0.6", linewidth=0.8, label=_named(tension, "tension"))
     _bars(ax, time, values, [part[order] for part in place], counts[order] == 1.0)
-    ax.set(xlabel="time [s]", ylabel=f"{_long_name(tension, 'tension')} [{tension.attrs.get('units', 'N')}]")
+    ax.set(xlabel="time [s]")
+    _style.label_axis(ax.yaxis, f"{_long_name(tension, 'tension')} [{tension.attrs.get('units', 'N')}]", values)
     ax.grid(alpha=0.3)
     # below the axes, as the colour bar stands beside them
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, frameon=False)
@@ -228,7 +229,7 @@ def _bars(ax: Axes, time: np.ndarray, values: np.ndarray, place: list[np.ndarray
             drawn.set_clim(0.0, float(size.max()))
             ax.add_collection(drawn)
     if drawn is not None:
-        ax.figure.colorbar(drawn, ax=ax, label="range of the cycle [N]", pad=0.02)
+        _style.label_axis(ax.figure.colorbar(drawn, ax=ax, pad=0.02).ax.yaxis, "range of the cycle [N]", size)
 
 
 def _series(key: str, given: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from cablepod.archive._figure import write_figure
 from cablepod.errors import scene_error
 
 #: Names of the figures, in the order in which they are written.
-FIGURES = ("deflection", "tension", "error_over_time", "modes", "singular_values", "shapes")
+FIGURES = ("tension", "tension_map", "deflection", "error_over_time", "modes", "singular_values", "shapes")
 #: Fractions of the duration at which shapes are drawn (without a common period, so that a periodic motion shows its phases).
 DRAWN_AT = (0.0, 0.12, 0.37, 0.58, 0.83)
 #: Displacements over the chord below which they are magnified in the figure of the shapes.
@@ -33,7 +33,14 @@ def check_backend() -> None:
 
 
 def write_figures(
-    folder: Path, reference: xr.Dataset, modes: xr.Dataset, best: xr.Dataset | None, errors: dict[str, xr.Dataset]
+    folder: Path,
+    reference: xr.Dataset,
+    modes: xr.Dataset,
+    best: xr.Dataset | None,
+    errors: dict[str, xr.Dataset],
+    *,
+    ends: xr.Dataset | None = None,
+    title: str = "",
 ) -> list[str]:
     """Write the figures without pyplot, which would change the caller's open figures and backend; return their names.
 
@@ -47,6 +54,10 @@ def write_figures(
         Reduced run of the smallest error, drawn beside the chain; None without a reduced model.
     errors
         Comparison with the chain by the label of the model.
+    ends
+        Tension at both ends at instants that are closer than those of the chain, if there is one.
+    title
+        Title of every figure.
     """
     from matplotlib.figure import Figure
 
@@ -55,8 +66,9 @@ def write_figures(
     picked = np.rint(np.array(DRAWN_AT) * (reference.sizes["time"] - 1)).astype(int)
     times = [float(t) for t in reference["time"].values[np.unique(picked)]]
     drawings: dict[str, Callable[..., Any]] = {
+        "tension": partial(plots.end_tensions, reference if ends is None else ends),
+        "tension_map": partial(plots.tension, reference),
         "deflection": partial(plots.shapes, reference, best, times=times, deflection=True),
-        "tension": partial(plots.tension, reference),
         "error_over_time": partial(plots.error_over_time, errors),
         "modes": partial(plots.modes, modes),
         "singular_values": partial(plots.singular_values, modes),
@@ -67,11 +79,11 @@ def write_figures(
     if not errors:
         del drawings["error_over_time"]
     if reference.sizes["link"] < 2:  # a map needs two
-        del drawings["tension"]
+        del drawings["tension_map"]
     for name in drawings:
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         drawings[name](ax=figure.subplots())
-        write_figure(figure, folder / f"{name}.png")
+        write_figure(figure, folder / f"{name}.png", title=title)
     return list(drawings)
 
 

@@ -13,9 +13,12 @@ from cablepod import archive, mast
 from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
+from cablepod.integrate._window import window_attributes
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
+from cablepod.parameters._mast import mast_parameters
 from cablepod.study._figures import check_backend
 from cablepod.study._models import recorded
+from cablepod.study._tension import start_of_statistics
 from cablepod.study._timing import timed
 
 #: Stages, which are the names of the files, and figures.
@@ -65,6 +68,9 @@ def run_mast(
     at(0.2)
     breaks = any(str(name).startswith("guy_") and str(name).endswith("_breaks") for name in scene.data_vars)
     options: dict[str, Any] = {"guys": "chain", "outputs": OUTPUTS[:-1]} if breaks else {"outputs": OUTPUTS}
+    window = None if breaks else _after_ramps(scene)
+    if window is not None:
+        options["window"] = window
     say = None if progress is None else partial(progress, "mast: compiling, once", 0.2)
     call = partial(mast.simulate, scene, **options)
     # a storm takes long: it is not run again for its run time, of which compilation is left out
@@ -72,7 +78,7 @@ def run_mast(
     motion.attrs["wall_time_s"] = seconds["call_time"]
     add("motion", motion)
     if "guy_tension" in motion:
-        add("guys", guy_table(motion, results["rest"]))
+        add("guys", guy_table(motion, results["rest"], window))
     if out is not None:
         _write_figures(out, results)
     at(1.0)
@@ -80,10 +86,27 @@ def run_mast(
     return xr.DataTree.from_dict({"/": root, **results}, name="study")
 
 
-def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
-    """Return tensions of the guys: at rest, mean, standard deviation, extremes, equivalent fatigue range [N]."""
+def _after_ramps(scene: xr.Dataset) -> tuple[float, float] | None:
+    """Return the part of the run after the ramps of wind and forces [s]; None without one, and if too little is left then."""
+    p = mast_parameters(scene)
+    end = float(p.times()[-1])
+    ramps = [float((p.wind or {}).get("ramp", 0.0)), *(load.factor.ramp for load in p.loads if load.factor is not None)]
+    start = start_of_statistics(ramps, end)
+    return (start, end) if start else None
+
+
+def guy_table(motion: xr.Dataset, rest: xr.Dataset, window: tuple[float, float] | None = None) -> xr.Dataset:
+    """Return tensions of the guys: at rest, mean, standard deviation, extremes, equivalent fatigue range [N].
+
+    Parameters
+    ----------
+    motion, rest
+        The run, and the rest from which it starts.
+    window
+        Start and end [s] of the part of the run that its extremes and means are of; all of it by default.
+    """
     names = ("mean", "std", "minimum", "maximum", "maximum_time")
-    ranges = guy_fatigue(motion)
+    ranges = guy_fatigue(motion, window)
     table = xr.Dataset(
         {
             "anchor": rest["anchor"],
@@ -97,6 +120,7 @@ def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
     table.attrs = {
         "title": f"{motion.attrs['title']}: guys", "stage": "mast guys", "air": rest.attrs["air"], "exponent": EXPONENT,
         "frequency": FREQUENCY,
+        **window_attributes(window),
     }  # fmt: skip
     return recorded(table, "guys", [motion, rest])
 
@@ -108,7 +132,7 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
     from cablepod import plots
 
     drawings: dict[str, Callable[..., Any]] = {
-        "tensions": partial(plots.guy_tensions, results["motion"]),
+        "tensions": partial(plots.guy_tensions, results["motion"].assign(anchor=results["rest"]["anchor"])),
         "moments": partial(plots.bending_moments, results["motion"]),
         "modes": partial(plots.mast_shapes, results["frequencies"]),
     }
@@ -117,4 +141,4 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
     for name, draw in drawings.items():
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         draw(ax=figure.subplots())
-        write_figure(figure, folder / f"{name}.png")
+        write_figure(figure, folder / f"{name}.png", title=str(results["scene"].attrs["title"]))

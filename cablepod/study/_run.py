@@ -27,6 +27,7 @@ from cablepod.scene._notes import warn_once
 from cablepod.study._figures import check_backend, write_figures
 from cablepod.study._models import chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
 from cablepod.study._notes import OnceEach
+from cablepod.study._tension import tension_in_wind
 from cablepod.study._timing import timed
 
 #: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).
@@ -42,7 +43,8 @@ OUTPUTS = ("position", "tension", "tension_extremes", "tension_peaks", "error_es
 MAX_MODES = 20
 #: Stages beside the reduced models.
 STAGES = (
-    "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "modes", "normal_modes", "comparison", "chains",
+    "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "tension", "modes", "normal_modes", "comparison",
+    "chains",
 )  # fmt: skip
 
 
@@ -88,7 +90,8 @@ def run(
     -------
     xarray.DataTree
         A node for each stage: "scene", "summary", "catenary", "chain_rest", "chain", "chain_half" (tensions with half the links,
-        which tell the error of the tensions), "modes", "normal_modes", "condensed_r1" and so on,
+        which tell the error of the tensions), "tension" (of a scene with wind: tension at both ends over time, with its mean,
+        standard deviation, extremes, fatigue range and utilisation), "modes", "normal_modes", "condensed_r1" and so on,
         "galerkin_r1" and so on, "comparison", "chains".  ``study["chain"].to_dataset()`` is the Dataset that ``chain.simulate``
         gives, with the wall time of the call in the attribute ``wall_time_s`` [s] and the estimated distance from the continuous
         cable in ``space_error_estimate``.  "comparison" has errors and run times over
@@ -144,7 +147,7 @@ def run(
 
     stages = _Stages(folder, progress, report)
     stages.add("scene", scene)
-    stages.add("summary", summary(scene))
+    numbers = stages.add("summary", summary(scene))
     stages.add("catenary", catenary.rest(scene))
     stages.add("chain_rest", chain.rest(scene))
     report_at = _report_times(snapshots_at)
@@ -153,6 +156,8 @@ def run(
     half = coarser_chain(scene, reference)
     if half is not None:
         stages.add("chain_half", half)
+    if p.wind is not None:
+        stages.add("tension", tension_in_wind(scene, reference, numbers, progress))
     snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
     modes = stages.modes(snapshots, available, [name for name, model in chosen.items() if model.layout == "normal"])
     ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
@@ -177,7 +182,8 @@ def run(
         best = min(rows, key=lambda key: float(rows[key]["error_max"]), default=None)
         drawn = None if best is None else stages.results[f"{best[0]}_r{best[1]}"]
         errors = {f"{model}, r = {r}": row for (model, r), row in rows.items()}
-        write_figures(folder, reference, stages.results["modes"], drawn, errors)
+        ends, title = stages.results.get("tension"), str(scene.attrs["title"])
+        write_figures(folder, reference, stages.results["modes"], drawn, errors, ends=ends, title=title)
     return stages.tree()
 
 

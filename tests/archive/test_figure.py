@@ -25,6 +25,16 @@ def test_the_picture_is_that_of_savefig(tmp_path):
     np.testing.assert_array_equal(once, twice[..., :3])  # one has no transparency
 
 
+def test_a_long_title_stands_above_the_axes_in_lines_that_fit(tmp_path):
+    figure = drawn(Figure(figsize=(7.5, 4.2), layout="constrained"))
+    write_figure(figure, tmp_path / "titled.png", title="A guy of the upper level, " * 5)
+    lines = figure.get_suptitle().split("\n")
+    assert len(lines) == 2
+    box, frame = figure._suptitle.get_window_extent(), figure.bbox
+    assert frame.x0 < box.x0 < box.x1 < frame.x1
+    assert figure.axes[0].get_window_extent().y1 < box.y0 < box.y1 < frame.y1
+
+
 def test_an_interrupted_write_leaves_the_old_picture_and_no_open_figure(tmp_path, monkeypatch):
     path = tmp_path / "it.png"
     write_figure(Figure(), path)

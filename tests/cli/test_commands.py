@@ -79,7 +79,7 @@ def test_the_main_job(scene_file, tmp_path, capsys):
         "chains",
     }
     data |= {f"{model}_r{r}" for model in ("condensed", "galerkin") for r in (1, 2)}
-    figures = {"deflection", "tension", "error_over_time", "modes", "singular_values", "shapes"}
+    figures = {"tension", "tension_map", "deflection", "error_over_time", "modes", "singular_values", "shapes"}
     assert names == {f"{name}.nc" for name in data} | {f"{name}.png" for name in figures}
     assert all(f"{name}.nc" in said.out for name in data)
     comparison = cp.archive.read(out / "comparison.nc")

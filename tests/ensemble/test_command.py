@@ -130,7 +130,7 @@ def test_the_table_of_the_map_has_frequencies_in_hertz_and_the_error_of_the_peak
     assert of_peak == pytest.approx([0.3 * 1.0 / 1000.0, 0.3 * 80.0 / 100.0])
     manifest = {"done": {"0": {"largest_tension": {"member": 1, "value": 9e3, "at": {"x": 3.0}}, "not_converged": {}}}}
     (line,) = peak_of({**manifest, "varied": {"x": [1.0, 6.0, "rad s-1"]}})
-    assert line == "largest tension  9000 N, in member 1 (x 3 rad s-1 (0.4775 Hz))"
+    assert line == "largest tension  9 kN, in member 1 (x 3 rad s-1 (0.4775 Hz))"
     assert [row["note"] for row in rows] == ["not converged, but the largest tension is", "not converged"]
 
 

@@ -25,10 +25,12 @@ def test_the_python_in_the_readme_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").symlink_to(ROOT / "data")
     exec(code, {})
-    tension, error, estimate = map(float, capsys.readouterr().out.split())
+    tension, error, estimate, largest = map(float, capsys.readouterr().out.split())
     assert tension == pytest.approx(3183.9, abs=0.1)
     assert error < 0.02
     assert 0.005 < estimate < 0.05  # of a model that errs by 1.2 %; the estimate is right within a factor of 5 at worst
+    chain = cp.chain.simulate(cp.read_scene(ROOT / "data/scenes/example3.toml"), outputs=("tension_extremes",))
+    assert largest == pytest.approx(float(chain.tension_maximum.max()), rel=0.01)  # order "leading" with two modes
     assert (tmp_path / "model.nc").exists()
 
 

@@ -79,7 +79,9 @@ def test_deflections_are_those_of_shapes():
 def test_a_gif_has_a_frame_for_each_instant_and_they_differ(tmp_path):
     movie = plots.animate(trajectory())
     engine = movie.figure.get_layout_engine()
-    path = movie.save(tmp_path / "guy.gif", frames_per_second=10)
+    told = []
+    path = movie.save(tmp_path / "guy.gif", frames_per_second=10, progress=told.append)
+    assert told == [(i + 1) / TIME.size for i in range(TIME.size)]
     with Image.open(path) as picture:
         assert picture.format == "GIF"
         assert picture.n_frames == TIME.size

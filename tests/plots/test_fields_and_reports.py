@@ -153,6 +153,26 @@ def test_tension_is_drawn_over_time_and_arc_length():
     assert ax.get_title() == ""
 
 
+def test_tensions_at_the_ends_are_those_of_the_first_and_the_last_link():
+    run = pulled()
+    run["tension"] *= 100.0
+    ax = plots.end_tensions(run)
+    upper, lower = ax.lines
+    np.testing.assert_array_equal(upper.get_ydata(), run.tension[:, -1])
+    np.testing.assert_array_equal(lower.get_ydata(), run.tension[:, 0])
+    assert texts(ax) == ["upper end", "lower end"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "tension [kN]")
+    assert ax.yaxis.get_major_formatter()(10500.0, 0) == "10.5"
+    by_end = xr.Dataset({"end_tension": (("time", "end"), run.tension.values[:, [0, -1]])}, {"time": run.time})
+    np.testing.assert_array_equal(plots.end_tensions(by_end).lines[0].get_ydata(), run.tension[:, -1])
+    run["tension_maximum"], run["tension_maximum_time"] = ("link", [1e4, 2e4, 12345.0]), 0.123
+    peak = plots.end_tensions(run).lines[2]
+    assert peak.get_xydata().tolist() == [[0.123, 2e4]]
+    assert peak.get_label() == "largest, 20 kN\nat 0.123 s"
+    with pytest.raises(SceneError, match=r"^run: given a Dataset without tension; allowed: a trajectory with tensions"):
+        plots.end_tensions(trajectory())
+
+
 def test_slack_links_are_hatched():
     ax = plots.tension(pulled(slack=True))
     hatched = [item for item in ax.collections if item.get_hatch()]
@@ -166,7 +186,9 @@ def test_tensions_of_some_links_and_at_places_of_their_own():
     some = run.isel(link=[0, 2]).assign_coords(link=[1, 3])  # numbered
     assert mesh_of(plots.tension(some)).get_coordinates()[1, 0, 1] == pytest.approx((0.15 + 0.8) / 2)
     own = run.assign_coords(link_arc_length=("link", [1.0, 5.0, 9.0]))
-    assert mesh_of(plots.tension(own)).get_coordinates()[1, 0, 1] == pytest.approx(0.3)
+    ax = plots.tension(own)
+    assert mesh_of(ax).get_coordinates()[1, 0, 1] == pytest.approx(3.0)
+    assert ax.get_ylabel() == "unstretched arc length from the lower end [m]"
     with pytest.raises(SceneError, match=r"^run: link_arc_length: given the dimensions "):
         plots.tension(own.assign_coords(link_arc_length=1.0))
 
