@@ -46,7 +46,7 @@ class Parameters:
     """
 
     stiffness: Any  #: axial stiffness K [N]
-    area: Any  #: area of the unstrained cross-section [m2]
+    area: Any  #: area of the unstrained cross-section [m2]; None where it is not given
     mass: Any  #: mass per unstretched length [kg/m]
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
@@ -56,9 +56,10 @@ class Parameters:
     load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]
     load_factor: TimeFunction | None  #: factor of the uniform load [1]
     point_loads: tuple[PointLoad, ...]
+    stiffness_key: str  #: the given one of STIFFNESS_KEYS
     weight_key: str  #: the given one of WEIGHT_KEYS
     length_key: str  #: the given one of LENGTH_KEYS
-    length_value: Any  #: [N], or [m] for unstretched_length
+    length_value: Any  #: [N], or [m] for unstretched_length and sag
     duration: float | None  #: [s]
     interval: float | None  #: [s]
     links: int | None

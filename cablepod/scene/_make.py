@@ -161,7 +161,14 @@ def _of_tables(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
 
 
 def _without_places(tree: dict[str, Any]) -> dict[str, Any]:
-    """Return a checked scene without the place of its record of wind, which its content hash identifies."""
+    """Return a checked scene without the places of files whose content identifies it: records of wind, tables of strands."""
+    tables = {"cable": tree["cable"]} if "cable" in tree else tree["cables"]
+    if any("strand_table" in cable for cable in tables.values()):
+        of = {
+            name: {key: value for key, value in cable.items() if key != "strand_table"}
+            for name, cable in tables.items()
+        }
+        tree = {**tree, **(of if "cable" in tree else {"cables": of})}
     turbulence = tree.get("wind", {}).get("turbulence", {})
     if "record" not in turbulence:
         return tree
