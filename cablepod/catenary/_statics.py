@@ -116,7 +116,8 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     from cablepod.catenary import _kernels_solve as kernel
 
     if p.bare is not None and prefix == "cable" and key != "unstretched_length":
-        key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
+        # tensioned without ice, at the reference temperature
+        key, value = "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
     plane = load_planes(p)
     if key == "sag":
         from cablepod.catenary._sag import force_of_sag  # imports this file
@@ -128,7 +129,10 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
         solutions[0, 0] = value
     elif status[0] != kernel.FOUND:
         numbers = [float(number[0]) for number in plane[:4]]
-        check_solved(int(status[0]), numbers, p.stiffness, key, value, name=f"{prefix}.{key}")
+        name, given = f"{prefix}.{key}", value
+        if p.expansion != 1.0:
+            name, given = "temperature", f"an unstretched length of {value:.12g} m"  # type: ignore[assignment]
+        check_solved(int(status[0]), numbers, p.stiffness, key, given, name=name)
     return solutions[0]
 
 
@@ -137,6 +141,8 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     from cablepod.catenary import _kernels_solve as kernel
 
     plane, key, value = load_planes(p), p.length_key, p.length_value
+    if p.bare is not None and key != "unstretched_length":
+        key, value = "unstretched_length", p.expansion * member_statics(p.bare)[0][:, 0]
     if key == "sag":
         from cablepod.catenary._sag import forces_of_sags  # imports this file
 

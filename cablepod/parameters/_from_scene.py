@@ -31,13 +31,14 @@ from cablepod.parameters._keys import (
 )
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._scene_values import check_values
+from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.provenance import digest
 
 #: Variables of a record: times [s] and values, duration of the smooth start [s].
 RECORD = ("time", "value", "ramp")
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
-STACKED_TABLES = ("gravity", "cable_", "ends_", "load_", "motion_", "damping_")
+STACKED_TABLES = ("gravity", *TEMPERATURES, "cable_", "ends_", "load_", "motion_", "damping_")
 #: Variables that each member has.
 NEEDED = ("gravity", "ends_lower")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
@@ -217,6 +218,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         wind=whole_table_at(values, "wind", WIND) or None,
         turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
     )
+    result = expanded(result, expansion_of(values, cable, "cable", number))
     ice = whole_table_at(values, "ice", ICE)
     return _with_ice(result, number(ice["thickness"]), number(ice["density"]), gravity) if ice else result
 
@@ -228,7 +230,7 @@ def _with_ice(p: Parameters, thickness: Any, density: Any, gravity: Any) -> Para
     mass = density * np.pi * thickness * (p.diameter + thickness)
     weight = p.weight.copy()
     weight[..., 1] -= mass * gravity
-    return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p)
+    return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p.bare or p)
 
 
 def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...]) -> None:

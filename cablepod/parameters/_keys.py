@@ -41,9 +41,16 @@ def _force(long_name: str) -> Key:
     return Key(number(above=0.0), "N", long_name)
 
 
+#: Temperatures [degC], and coefficients of thermal expansion [1/K]: polyethylene 2e-4, aramid -2e-6.
+_TEMPERATURE = number(least=-273.15, most=1000.0)
+EXPANSION = Key(number(least=-5e-4, most=5e-4), "K-1", "coefficient of thermal expansion")
 TOP = {
     "title": Key(text, None, "title"),
     "gravity": Key(number(least=0.0), "m s-2", "gravitational acceleration, along -y", default=9.81),
+    "temperature": Key(_TEMPERATURE, "degC", "temperature of cables and mast, that of reference by default"),
+    "reference_temperature": Key(
+        _TEMPERATURE, "degC", "temperature at which given tensions, sags and lengths hold, 20 by default"
+    ),
 }
 CABLE = {
     "youngs_modulus": Key(number(above=0.0), "Pa", "Young's modulus"),
@@ -60,6 +67,7 @@ CABLE = {
     "strand": Key(text, None, "strand of a table, which gives the keys that are missing"),
     "strand_table": Key(text, None, "CSV file of strands, in place of the shipped table"),
     "breaking_strength": _force("breaking strength of the cable"),
+    "thermal_expansion": EXPANSION,
     "diameter": Key(number(above=0.0), "m", "diameter of the cable, on which the wind acts"),
     "drag_coefficient": Key(number(least=0.0), "1", "drag coefficient of the cable, 1.2 by default"),
 }

@@ -76,9 +76,9 @@ class Parameters:
     drag_coefficient: Any = 1.2
     wind: Mapping[str, Any] | None = None  #: values of the table [wind]; None for still air
     turbulence: Mapping[str, Any] | None = None  #: values of the table [wind.turbulence]; None for steady wind
-    bare: Parameters | None = (
-        None  #: the same cable without its ice, to which the given tension belongs; None without ice
-    )
+    #: the same cable as it was tensioned, without ice and at the reference temperature; None where it is the same
+    bare: Parameters | None = None
+    expansion: Any = 1.0  #: unstretched length over that of `bare`
 
     @cached_property
     def dims(self) -> int:

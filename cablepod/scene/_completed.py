@@ -54,7 +54,7 @@ def may_have(scene: xr.Dataset, path: str) -> bool:
     table, _, name = path.rpartition(".")
     if "mast_height" not in scene:
         return table.partition(".")[0] not in MAST_TABLES
-    is_shared = table in SHARED_TABLES and name not in (*DAMPING_OF_CABLES, "link_lengths")
+    is_shared = table in ("", *SHARED_TABLES) and name not in (*DAMPING_OF_CABLES, "link_lengths")
     return is_shared or table.partition(".")[0] in MAST_TABLES
 
 
@@ -125,6 +125,8 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
     """
     if table in ("wind", "wind.turbulence"):
         return _checked_wind(scene, varied)
+    if not table:  # numbers by themselves, checked with the parameters
+        return {}
     kind = kind_in(scene, table)
     keys = {
         name.removeprefix(f"{variable_name(table)}_"): None

@@ -240,11 +240,11 @@ def check_mast_numbers(p: MastParameters) -> None:
                              "allowed: one that is finite during the run")  # fmt: skip
     for guy in p.guys:
         bare = guy.p if guy.p.bare is None else guy.p.bare
-        rest = solve_statics(bare, guy.p.length_key, guy.p.length_value, prefix=guy.key)
+        rest = solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)
         strain = float(rest[4:].max()) / guy.p.stiffness
         if strain > MAX_STRAIN:
             raise scene_error(
-                f"{guy.key}.{guy.p.length_key}",
-                guy.p.length_value,
+                f"{guy.key}.{bare.length_key}",
+                bare.length_value,
                 f"a strain of at most {MAX_STRAIN:g} at rest (it is {strain:.3g})",
             )

@@ -262,6 +262,8 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
         name = {**dict.fromkeys(STIFFNESS_KEYS, "stiffness"), "gravity": "weight"}.get(key, key)
         name = name if name in ("stiffness", "weight", "load", "breaking_strength") else "length_value"
         changes = {name: getattr(p, name) * factor}
+    if p.bare is not None:
+        changes["bare"] = _scaled(p.bare, key, factor)
     return replace(p, **changes)
 
 

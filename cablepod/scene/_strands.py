@@ -21,6 +21,7 @@ COLUMNS = {
     "axial_stiffness_N": "axial_stiffness",
     "youngs_modulus_Pa": "youngs_modulus",
     "breaking_strength_N": "breaking_strength",
+    "thermal_expansion_per_K": "thermal_expansion",
 }
 #: Other columns of a table: the name of the strand, which each row must have, and a text for the reader.
 NAME, SOURCE = "name", "source"
