@@ -68,11 +68,15 @@ def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Map
     """Return the coordinates with those of the axes and of the guys."""
     used = {dim for dims, _ in variables.values() for dim in dims}
     coords: dict[str, Any] = {name: value for name, value in coordinates.items()}
+    if "level" in coords:
+        coords["level"] = p.given_heights(coords["level"])
+    if "node_height" in coords:
+        coords["node_height"] = ("node", p.given_heights(coords["node_height"][1]))
     if "coordinate" in used:
         coords["coordinate"] = list(COORDINATES)
     if "guy" in used and p.guys:
         coords["guy"] = np.arange(1, len(p.guys) + 1)
-        coords["guy_level"] = ("guy", np.array([guy.level for guy in p.guys]))
+        coords["guy_level"] = ("guy", p.given_heights(np.array([guy.level for guy in p.guys])))
         coords["table"] = ("guy", np.array([guy.table for guy in p.guys]))
     return coords
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cablepod.parameters._checks import choice, integer, number, point, text
-from cablepod.parameters._keys import CABLE, LENGTH_KEYS, Key
+from cablepod.parameters._keys import CABLE, EXPANSION, LENGTH_KEYS, Key
 
 #: Keys of the cross-section of a mast.
 _SECTION = {
@@ -18,6 +18,7 @@ MAST = {
     "damping_ratio": Key(number(least=0.0, most=0.5), "1", "damping ratio of the modes of the mast", default=0.01),
     "elements": Key(integer(least=2, most=400), "1", "number of beam elements", default=24),
     "modes": Key(integer(least=1, most=60), "1", "number of modes of the mast in each direction", default=8),
+    "thermal_expansion": EXPANSION,
 }
 MAST_SECTION = {
     "from": Key(number(least=0.0), "m", "height of the lower end of the section", required=True),

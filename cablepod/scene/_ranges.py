@@ -274,7 +274,7 @@ def key_of_range(
         Return the kind of the time function at a path, and whether the scene has the table there.
     """
     *tables, name = path.split(".") if isinstance(path, str) else [""]
-    if not tables or (tables[0] in LISTED_TABLES and not has_table(".".join(tables))):
+    if tables and tables[0] in LISTED_TABLES and not has_table(".".join(tables)):
         return None
     of = key_at([*tables, name], kind_of)
     if of is None or (of.check is text and name not in RECORDS):
