@@ -182,7 +182,9 @@ class Beam:
     @cached_property
     def _sections_without_guys(self) -> np.ndarray:
         weight = self._blocks(1, -self.compression(self._places, np.zeros(0), np.zeros(0)))
-        return self._sections(self._blocks(2, self.section[:, BENDING_STIFFNESS, None] * np.ones(GAUSS_POINTS)) + weight)
+        return self._sections(
+            self._blocks(2, self.section[:, BENDING_STIFFNESS, None] * np.ones(GAUSS_POINTS)) + weight
+        )
 
     def _sections(self, blocks: np.ndarray) -> np.ndarray:
         """Return the matrix from the unknowns to section forces, for the stiffness of each element (element, 4, 4)."""
@@ -194,6 +196,9 @@ class Beam:
             single[e, where] -= block[1] / sides[e]
             single[e + 1, where] += block[3] / sides[e + 1]
             single[nodes + e, where] = -block[0]
+        single[nodes - 1] = 0.0  # ends that turn freely have no moment, in motion either
+        if self.base == "pinned":
+            single[0] = 0.0
         result = np.zeros((len(single), 2, self.count))
         for direction in range(2):
             result[:, direction, direction * self.free.size : (direction + 1) * self.free.size] = single[:, self.free]

@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES, label
 from cablepod.mast._beam import Beam
-from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, envelopes, forces_of, over_time, spatial
+from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, forces_of, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
@@ -136,16 +136,7 @@ def _values(
         variables["guy_position"] = (("time", "guy", "point", "coordinate"), run.guy_position[:n])
         coords["point"] = np.arange(run.guy_position.shape[2])
     if NEED_FORCES & set(outputs):
-        forces = forces_of(mast, run, air, outputs)
-        first, last = (0.0, np.inf) if request.window is None else request.window
-        within = (request.times[:n] >= first) & (request.times[:n] <= last)
-        variables |= over_time(forces, outputs)
-        if "extremes" in outputs and within.any():
-            of_window = forces.bending_moment[within]
-            for name, values in (("minimum", of_window.min(axis=0)), ("maximum", of_window.max(axis=0))):
-                variables[f"bending_moment_{name}"] = (("node", "coordinate"), spatial(values))
-        if ENVELOPES in outputs and within.any() and not run.status:
-            variables |= envelopes(forces, moved, within, guys)
+        variables |= _forces(forces_of(mast, run, air, outputs), outputs, moved, guys)
         used = {dim for dims, _ in variables.values() for dim in dims}
         coords |= {name: value for name, value in nodes_of(mast.rest.beam).items() if name.split("_")[0] in used}
     if "extremes" in outputs and not run.status:
@@ -157,6 +148,22 @@ def _values(
     if not any("level" in dims for dims, _ in variables.values()):
         coords.pop("level")
     return variables, coords
+
+
+def _forces(forces: Forces, outputs: tuple[str, ...], moved: np.ndarray, guys: str) -> dict[str, Any]:
+    """Return section forces and reactions over time, and their extremes and envelopes over the outputs of the window."""
+    run = forces.run
+    first, last = (0.0, np.inf) if run.request.window is None else run.request.window
+    times = run.request.times[: run.completed]
+    within = (times >= first) & (times <= last)
+    variables = over_time(forces, outputs)
+    if "extremes" in outputs and within.any():
+        of_window = forces.bending_moment[within]
+        for name, values in (("minimum", of_window.min(axis=0)), ("maximum", of_window.max(axis=0))):
+            variables[f"bending_moment_{name}"] = (("node", "coordinate"), spatial(values))
+    if ENVELOPES in outputs and within.any() and not run.status:
+        variables |= envelopes(forces, moved, within, guys)
+    return variables
 
 
 def _extremes(mast: ModalMast, run: MastTrajectory) -> dict[str, Any]:

@@ -32,8 +32,10 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         ``displacement (level, coordinate)`` [m], ``guy_tension``, ``guy_tension_anchor (guy)`` [N], ``guy_force (guy,
-        coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``axial_force
-        (node)`` [N, compression], ``buckling_factor``.
+        coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``shear_force
+        (element, coordinate)`` [N], ``axial_force (node)`` [N, compression, mean of both sides], ``axial_compression (element)``
+        [N, at its lower end], ``foot_force (coordinate)`` and ``anchor_force (guy, coordinate)`` [N] on the foundations,
+        ``buckling_factor``.
 
     Raises
     ------

@@ -78,7 +78,9 @@ def _added_pulls(mast: ModalMast, run: MastTrajectory) -> list[tuple[float, np.n
     ]
 
 
-def foot_force(mast: ModalMast, run: MastTrajectory, air: MastAir | None, shear: np.ndarray, axial: np.ndarray) -> np.ndarray:
+def foot_force(
+    mast: ModalMast, run: MastTrajectory, air: MastAir | None, shear: np.ndarray, axial: np.ndarray
+) -> np.ndarray:
     """Return the force of the mast on its foundation (outputs, 3) [N], from the section forces of the lowest element.
 
     The drag on the lower half of this element acts on the foundation directly.
@@ -103,7 +105,7 @@ def anchor_forces(mast: ModalMast, run: MastTrajectory) -> np.ndarray:
     r"""Return the forces of the guys on their anchors (outputs, guys, 3) [N].
 
     At rest they are those of the catenaries.  In motion the force along the present chord is that at the mast, and both ends
-    carry the same change of the transverse forces, drag and inertia, as for a motion that is symmetric about the middle of the guy:
+    carry the same change of the transverse forces, drag and inertia, as for a motion symmetric about the middle of the guy:
     with the force f of the guy on the mast and the direction e of the chord,
 
     .. math:: f_a = f_{a,0} + g - g_0, \qquad g = f - 2 (f \cdot e) e.
