@@ -249,9 +249,7 @@ def _kept_turbulence(content: _Content, end_time: float) -> np.ndarray:
     return turbulence_at(content.p, content.position, end_time)
 
 
-def turbulence_at(
-    p: InWind, position: np.ndarray, end_time: float, order: np.ndarray | None = None
-) -> np.ndarray:
+def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.ndarray | None = None) -> np.ndarray:
     """Return the velocity of the turbulence (samples, points, dims) [m/s], sampled from 0 to `end_time` or later.
 
     Phases go to the points in their order, or in that of the numbers `order` (points,).

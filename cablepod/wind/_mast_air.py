@@ -64,7 +64,8 @@ class MastAir:
 
     def drag_rate(self, p: MastParameters) -> float:
         """Return a bound of the rate at which drag takes away a motion of the guys along the wind [1/s]."""
-        speed = np.sqrt((self.of_guys(self.velocity) ** 2).sum(axis=-1)).max(axis=(0, -1))
+        own = self.of_guys(self.velocity)
+        speed = np.sqrt(np.einsum("sgpc,sgpc->sgp", own, own).max(axis=(0, -1)))
         rates = [2.0 * drag_of(guy.p, self.density) * u / guy.p.mass for guy, u in zip(p.guys, speed, strict=True)]
         return float(max(rates, default=0.0))
 
