@@ -57,7 +57,8 @@ def simulate(
         Field of the air, as of :func:`cablepod.wind.field`, in place of that of the scene.
     outputs
         Some of "displacement", "guy_tension", "guy_force", "bending_moment", "shear_force", "axial_compression", "foot_force",
-        "anchor_force", "extremes", "envelopes"; with condensed guys also "guy_position" (at 21 points of each guy), "energy" (without wind) and "error_estimate" (one more run with richer guys).
+        "anchor_force", "extremes", "envelopes"; with condensed guys also "guy_position" (at 21 points of each guy), "energy"
+        (without wind) and "error_estimate" (one more run with richer guys).
     progress
         Callback receiving the completed fraction, 1 at the end.
 
