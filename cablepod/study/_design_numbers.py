@@ -20,6 +20,8 @@ from cablepod.parameters._mast import LINKS, mast_parameters
 
 #: Number of vibration modes of one guy in and out of its plane.
 RANK = 8
+#: Fewest storms whose scatter tells intervals.
+FEWEST = 3
 #: Seconds in a year.
 YEAR = 365.25 * 86400.0
 #: What :func:`cablepod.extremes.peaks` gives -> ending of the name here, and text.
@@ -242,11 +244,15 @@ def _with_verticals(result: xr.Dataset) -> xr.Dataset:
 
 
 def _statistics(values: xr.DataArray, level: float) -> dict[str, xr.DataArray]:
-    """Return mean and quantile of the storms' largest values with their intervals; of one storm the value alone."""
-    if values.sizes["storm"] == 1:
-        return {"mean": values.isel(storm=0, drop=True)}
+    """Return mean and quantile of the storms' largest values with their intervals; nan where a storm failed.
+
+    Failed storms may be the worst ones.  Two storms or one have a mean alone.
+    """
+    complete = values.notnull().all("storm")
+    if values.sizes["storm"] < FEWEST or not complete.any():
+        return {"mean": values.mean("storm", skipna=False)}
     found = extremes.peaks(values, dim="storm", level=level)
-    return {name: found[name] for name in STATISTICS if name in found}
+    return {name: found[name].where(complete) for name in STATISTICS}
 
 
 def with_rest(result: xr.Dataset, kind: Kind, rest: Callable[[], xr.Dataset]) -> xr.Dataset:
