@@ -252,7 +252,8 @@ def _kept_turbulence(content: _Content, end_time: float) -> np.ndarray:
 def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.ndarray | None = None) -> np.ndarray:
     """Return the velocity of the turbulence (samples, points, dims) [m/s], sampled from 0 to `end_time` or later.
 
-    Phases go to the points in their order, or in that of the numbers `order` (points,).
+    Phases go to the points in their order, or in that of the numbers `order` (points,).  With wind.turbulence.exact_mean the mean
+    of the samples from 0 to `end_time` is 0 at every point.
     """
     from scipy.fft import next_fast_len
 
@@ -273,6 +274,8 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
         sums = [vector[c] * part for vector, part in parts if vector[c]]
         if sums:
             total[:, :, c] = sum(sums[1:], sums[0]).T
+    if p.turbulence.get("exact_mean", False):
+        total -= total[: instants_until(end_time)].mean(axis=0)
     return total
 
 
