@@ -97,6 +97,11 @@ class GuyStatics:
         """Forces on the mast (guys, 3) [N]."""
         return self._end_forces[:, 1]
 
+    @property
+    def anchor_forces(self) -> np.ndarray:
+        """Forces on the anchors (guys, 3) [N]."""
+        return self._end_forces[:, 0]
+
     @cached_property
     def _end_forces(self) -> np.ndarray:
         """Forces on anchor and mast (guys, 2, 3) [N]."""

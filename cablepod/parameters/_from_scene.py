@@ -227,10 +227,15 @@ def _with_ice(p: Parameters, thickness: Any, density: Any, gravity: Any) -> Para
     """Return the cable with ice, which adds mass, weight and diameter, and neither stiffness nor length."""
     if not np.any(thickness):
         return p
-    mass = density * np.pi * thickness * (p.diameter + thickness)
+    mass = ice_mass(density, thickness, p.diameter)
     weight = p.weight.copy()
     weight[..., 1] -= mass * gravity
     return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p.bare or p)
+
+
+def ice_mass(density: Any, thickness: Any, diameter: Any) -> Any:
+    """Return the mass per length of a round coat of ice on a diameter [kg/m]."""
+    return density * np.pi * thickness * (diameter + thickness)
 
 
 def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...]) -> None:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from cablepod.errors import SceneError, did_you_mean, named, scene_error, shown
-from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text
+from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text, truth
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,11 @@ class Key:
     def is_choice(self) -> bool:
         """Whether it is one of some words."""
         return self.check.__qualname__.startswith(f"{choice.__name__}.")
+
+    @property
+    def is_truth(self) -> bool:
+        """Whether it is true or false."""
+        return self.check is truth
 
     @property
     def is_whole(self) -> bool:
@@ -145,6 +150,7 @@ TURBULENCE = {
     "length_scale": Key(number(above=0.0), "m", "length scale of the turbulence along the wind"),
     "decay": Key(numbers_list(least_length=2, above=0.0), "1", "decay of the coherence, vertical and across the wind"),
     "seed": Key(integer(least=0), "1", "seed of the turbulence", default=0),
+    "exact_mean": Key(truth, None, "whether the mean over the run is exactly that of the profile, false by default"),
     **WIND_RECORD,
 }
 ICE = {

@@ -18,9 +18,10 @@ from cablepod.parameters._from_scene import (
     _from_values,
     _is_gap,
     _time_function,
+    ice_mass,
 )
 from cablepod.parameters._key_paths import table_at, whole_table_at
-from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
+from cablepod.parameters._keys import ICE, TABLES, TURBULENCE, WIND
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.parameters._scene_values import check_values
@@ -174,21 +175,42 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
 def _sections(values: Mapping[str, Any], table: Mapping[str, Any]) -> np.ndarray:
     """Return the sections of the mast from below, see :class:`MastParameters`."""
     height, given, number = float(table["height"]), [], 1
+    ice = whole_table_at(values, "ice", ICE)
     while "to" in (section := table_at(values, f"mast.section.{number}", MAST_SECTION)):
-        numbers = [float(section.get(name, table[name])) for name in SECTION_KEYS]
-        given.append([float(section["from"]), float(section["to"]), *numbers])
+        given.append([float(section["from"]), float(section["to"]), *_section({**table, **section}, ice)])
         number += 1
     if section:
         _check_present(f"mast.section.{number}", section, ("to",))
     rows, bottom = [], 0.0
     for row in sorted(given):
         if row[0] > bottom:
-            rows.append([bottom, row[0], *(float(table[name]) for name in SECTION_KEYS)])
+            rows.append([bottom, row[0], *_section(table, ice)])
         rows.append(row)
         bottom = row[1]
     if bottom < height:
-        rows.append([bottom, height, *(float(table[name]) for name in SECTION_KEYS)])
+        rows.append([bottom, height, *_section(table, ice)])
     return np.array(rows)
+
+
+def _section(table: Mapping[str, Any], ice: Mapping[str, Any]) -> list[float]:
+    """Return bending stiffness, mass and drag area of a cross-section with its ice, which widens all members alike.
+
+    Raises
+    ------
+    SceneError
+        For ice on a mast without a diameter.
+    """
+    stiffness, mass, drag_area = (float(table[name]) for name in SECTION_KEYS)
+    thickness = float(ice.get("thickness", 0.0))
+    if not thickness:
+        return [stiffness, mass, drag_area]
+    if "diameter" not in table:
+        raise SceneError(
+            "mast.diameter: missing; allowed: a diameter [m] of the mast, or of the members of its lattice, on which ice grows"
+        )
+    diameter = float(table["diameter"])
+    mass += float(table.get("member_length", 1.0)) * ice_mass(float(ice["density"]), thickness, diameter)
+    return [stiffness, mass, drag_area * (1.0 + 2.0 * thickness / diameter)]
 
 
 def _guys(values: Mapping[str, Any], expansion: float) -> list[Guy]:

@@ -10,6 +10,8 @@ _SECTION = {
     "bending_stiffness": Key(number(above=0.0), "N m2", "bending stiffness of the mast", required=True),
     "mass": Key(number(above=0.0), "kg m-1", "mass per length of the mast", required=True),
     "drag_area": Key(number(least=0.0), "m", "drag coefficient times width of the mast", default=0.0),
+    "diameter": Key(number(above=0.0), "m", "diameter of the mast, or of the members of a lattice, on which ice grows"),
+    "member_length": Key(number(above=0.0), "1", "length of the members of a lattice per length of the mast"),
 }
 MAST = {
     "height": Key(number(above=0.0), "m", "height of the mast, whose foot is at the origin", required=True),

@@ -277,7 +277,7 @@ def key_of_range(
     if tables and tables[0] in LISTED_TABLES and not has_table(".".join(tables)):
         return None
     of = key_at([*tables, name], kind_of)
-    if of is None or (of.check is text and name not in RECORDS):
+    if of is None or of.is_truth or (of.check is text and name not in RECORDS):
         return None
     return None if of.check is point and not are_choices(values) else of
 
