@@ -14,8 +14,9 @@ import xarray as xr
 
 from cablepod.cli import _arguments, _group
 from cablepod.cli._group import say
-from cablepod.cli._mast import direction, place
+from cablepod.cli._mast import place
 from cablepod.cli._progress import member_bar
+from cablepod.conventions import direction
 from cablepod.errors import SceneError, scene_error
 from cablepod.examples import scene_path
 from cablepod.scene._read import read_scene
@@ -192,7 +193,7 @@ def _guys(result: xr.Dataset) -> list[str]:
     for row in rows:
         if "guy" in row:
             anchor = np.array([row[f"anchor {axis} [m]"] for axis in "xyz"])
-            row |= {"towards": direction(anchor), "anchor [m]": place(anchor)}
+            row |= {"towards": direction(anchor[0], anchor[2]), "anchor [m]": place(anchor)}
     line = "guy" if "guy" in result.dims else "end"
     return _table(rows, (
         (line, line, "", 1.0), ("level [m]", "level [m]", "g", 1.0), ("towards", "towards", "s", 1.0),
@@ -240,12 +241,18 @@ def _slack(result: xr.Dataset) -> list[str]:
     counts = result["slack_storms"].sum(("direction", "speed")).values.tolist()
     storms = int(np.prod([result.sizes[name] for name in ("direction", "speed", "storm")]))
     names = [
-        f"guy {result['guy'].values[g]} at {float(result['guy_level'][g]):g} m towards {direction(result['anchor'][g].values)} "
+        f"guy {result['guy'].values[g]} at {float(result['guy_level'][g]):g} m towards {_towards(result, g)} "
         f"({count} of {storms} storms)"
         for g, count in enumerate(counts)
         if count
     ]
     return ["", "slack guys: " + ("; ".join(names) or "none")]
+
+
+def _towards(result: xr.Dataset, guy: int) -> str:
+    """Return the direction from the mast to the anchor of a guy."""
+    x, _, z = result["anchor"][guy].values
+    return direction(x, z)
 
 
 def _table(rows: Sequence[Row], columns: Sequence[Column]) -> list[str]:
