@@ -130,6 +130,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "rigid.rest": (("scene",), {}),
     "rigid.simulate": (("scene",), {"step": 1e-3}),
     "study.run": (("scene",), {}),
+    "study.design": (("mast",), {"directions": [0.0], "speeds": [20.0], "storms": 1}),
     "summary": (("scene",), {}),
     "study.summary": (("scene",), {}),
     "wind.field": (("windy",), {}),

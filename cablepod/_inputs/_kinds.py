@@ -67,8 +67,7 @@ class Kind:
 
 SCENE = Kind(
     "what make_scene gives",
-    tuple((name, ()) for name in ("gravity", "cable_youngs_modulus", "cable_area"))
-    + tuple((name, ("coordinate",)) for name in ("ends_lower", "ends_upper")),
+    (("gravity", ()), ("ends_lower", ("coordinate",))),
     stages=("scene", "scenes"),
     further=("member",),
     is_scene=True,

@@ -15,6 +15,7 @@ from cablepod.cable._frequencies import converged_vibrations, normal_of_plane
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import element_count
 from cablepod.cable._start import converged_equilibrium
+from cablepod.catenary._sag import sag_of
 from cablepod.catenary._statics import load_plane
 from cablepod.conventions import AIR_OF_EACH, ENDINGS_OF_AIR, STILL_AIR, label, names_in_air
 from cablepod.discretisation._chain import square
@@ -50,6 +51,7 @@ NUMBERS = {
     "strain": ("1", "largest strain at rest"),
     "sag": ("m", "largest distance of the cable from the chord at rest"),
     "sag_over_chord": ("1", "sag over chord"),
+    "sag_below_chord": ("m", "largest distance of the cable below the chord, along the total load at rest"),
     "irvine_parameter": ("1", "Irvine's parameter lambda squared"),
     "load_over_weight": ("1", "largest sum of the loads beside the weight, over the weight"),
     "motion_over_chord": ("1", "largest displacement of an end along an axis, over the chord"),
@@ -77,8 +79,9 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         Scalars, or arrays along ``member``: ``chord`` [m], ``inclination`` [rad], ``weight_per_length`` [N/m],
         ``mass_per_length`` [kg/m], ``density`` [kg/m3], ``axial_stiffness`` [N], ``unstretched_length``, ``stretched_length``
-        [m], ``tension_lower``, ``tension_upper``, ``horizontal_force`` [N], ``stress`` [Pa], ``strain``, ``sag`` [m],
-        ``sag_over_chord``, ``irvine_parameter``, ``load_over_weight``, ``motion_over_chord``; where given
+        [m], ``tension_lower``, ``tension_upper``, ``horizontal_force`` [N], ``stress`` [Pa], ``strain``, ``sag`` [m] normal to
+        the chord, ``sag_over_chord``, ``sag_below_chord`` [m] along the total load, as ``cable.sag``; stress and density with
+        an area only; ``irvine_parameter``, ``load_over_weight``, ``motion_over_chord``; where given
         ``breaking_strength`` [N] and ``utilisation``.  ``angular_frequency_in_plane``, ``angular_frequency_out_of_plane (mode)``
         and ``first_axial_frequency`` [rad/s], the same in Hz as ``frequency_in_plane``, ``frequency_out_of_plane (mode)`` and
         ``first_axial_frequency_hertz``.  ``note`` is a text with a line for each note, the worst first; empty for a usual scene.
@@ -151,7 +154,7 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
         "inclination": math.asin(max(-1.0, min(1.0, reach[1] / numbers.chord))),
         "weight_per_length": weight,
         "mass_per_length": p.mass,
-        "density": numbers.density,
+        **({} if p.area is None else {"density": numbers.density}),
         "axial_stiffness": p.stiffness,
         "unstretched_length": numbers.length,
         "load_over_weight": numbers.load / (weight * numbers.length) if weight > 0.0 else math.nan,
@@ -167,7 +170,7 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
         full, ramp = replace(p, wind={**p.wind, "ramp": 0.0}), bool(p.wind["ramp"])
         try:
             in_wind = still if air_at_rest(full) == STILL_AIR else _in_wind(full, numbers.length, still["sag"])
-            tension = in_wind["stress"] * p.area
+            tension = in_wind["strain"] * p.stiffness
         except SceneError:
             if not ramp:
                 raise
@@ -181,10 +184,13 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
 
 
 def _at_rest(p: Parameters, chord: float, largest_tension: float, sag: float, **others: float) -> dict[str, Any]:
-    """Return the numbers of a shape at rest by name, for the largest tension [N], the sag [m] and what is known of it."""
+    """Return the numbers of a shape at rest by name, for the largest tension [N], the sag [m] and what is known of it.
+
+    A stress needs an area.
+    """
     result = {
         **others,
-        "stress": largest_tension / p.area,
+        **({} if p.area is None else {"stress": largest_tension / p.area}),
         "strain": largest_tension / p.stiffness,
         "sag": sag,
         "sag_over_chord": sag / chord,
@@ -196,9 +202,11 @@ def _in_still_air(p: Parameters, numbers: StaticNumbers) -> dict[str, Any]:
     """Return the numbers of the rest in still air by name, with frequencies in and out of the plane of chord and load."""
     length, stretched, horizontal, _, lower, upper = (float(number) for number in numbers.statics)
     irvine = float(features(p, length, 0.0, 0.5 * (lower + upper))[0])
+    plane = load_plane(p)
+    below = sag_of(plane[:4], p.stiffness, numbers.statics.tolist())
     result = _at_rest(
-        p, numbers.chord, numbers.tension, _sag(p, numbers), stretched_length=stretched, tension_lower=lower,
-        tension_upper=upper, horizontal_force=horizontal, irvine_parameter=irvine,
+        p, numbers.chord, numbers.tension, below * float(plane.span / plane.chord), stretched_length=stretched,
+        tension_lower=lower, tension_upper=upper, horizontal_force=horizontal, irvine_parameter=irvine, sag_below_chord=below,
     )  # fmt: skip
     return result | dict(zip(PLANES, _frequencies(p, length), strict=True))
 
@@ -224,11 +232,15 @@ def _in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     transverse = distributed - (distributed @ along) * along
     mean = max(0.5 * float(tension[0] + tension[-1]), 1e-12 * p.stiffness)
     off = mesh.interpolate(position) - lower
+    down = total / max(float(np.linalg.norm(total)), 1e-300)
+    across = reach - (reach @ down) * down
+    share = (off @ across) / max(float(across @ across), 1e-300)  # of the chord above each point
     result = _at_rest(
         p, chord, float(tension.max()), float(np.sqrt(square(off - (off @ along)[:, None] * along)).max()),
         stretched_length=float(mesh.length @ stretch), tension_lower=float(tension[0]), tension_upper=float(tension[-1]),
         horizontal_force=float(np.linalg.norm(normal_to_load)),
         irvine_parameter=(float(np.linalg.norm(transverse)) * length / mean) ** 2 * p.stiffness / mean,
+        sag_below_chord=float(((off - share[:, None] * reach) @ down).max()),
     )  # fmt: skip
     return result | dict(zip(PLANES, _frequencies_in_wind(p), strict=True))
 
@@ -256,20 +268,6 @@ def _frequencies_in_wind(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     share = ((vectors.T.reshape(values.size, -1, 3) @ normal) ** 2).sum(axis=1)
     within, across = (np.concatenate([values[chosen], none])[:FREQUENCIES] for chosen in (share < 0.5, share >= 0.5))
     return within, across
-
-
-def _sag(p: Parameters, numbers: StaticNumbers) -> float:
-    """Return the largest distance of the catenary from the chord [m]: there the tangent is parallel to the chord."""
-    from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
-
-    plane, (length, _, horizontal, mid_force, *_) = load_plane(p), numbers.statics.tolist()
-    if not (plane.load > 0.0 and plane.span > 0.0):
-        return 0.0
-    at = 0.5 * length + (horizontal * plane.rise / plane.span - mid_force) / plane.load
-    s = np.array([min(max(at, 0.0), length)])
-    x, y, tension = np.empty(1), np.empty(1), np.empty(1)
-    kernel.shape(s, numbers.statics, plane.load, p.stiffness, x, y, tension)
-    return abs(float(x[0] * plane.rise - y[0] * plane.span)) / float(plane.chord)
 
 
 def _frequencies(p: Parameters, length: float) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from cablepod.conventions import COORDINATES, STILL_AIR, label
 from cablepod.errors import SceneError, user_stacklevel
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._keys import LENGTH_KEYS, exactly_one
+from cablepod.parameters._keys import CATENARY_KEYS, exactly_one
 from cablepod.parameters._parameters import Parameters
 
 
@@ -152,9 +152,9 @@ def solve(
     """
     from cablepod.catenary import _kernels_solve as kernel
 
-    key = exactly_one("given", given, LENGTH_KEYS)
+    key = exactly_one("given", given, CATENARY_KEYS)
     if len(given) > 1:
-        raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(LENGTH_KEYS)}")
+        raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(CATENARY_KEYS)}")
     arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (span, rise, load, stiffness, given[key])))
     a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
     plane = a, b, np.hypot(a, b), q

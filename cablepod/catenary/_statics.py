@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cablepod.errors import scene_error
-from cablepod.parameters._keys import LENGTH_KEYS
+from cablepod.parameters._keys import CATENARY_KEYS
 from cablepod.parameters._parameters import Parameters
 
 
@@ -38,7 +38,7 @@ def solve_catenaries(
     stiffness
         Axial stiffness K (cables,) [N].
     key, value
-        One of ``LENGTH_KEYS`` and its values (cables,) [N or m].
+        One of ``CATENARY_KEYS`` and its values (cables,) [N or m].
 
     Returns
     -------
@@ -50,7 +50,7 @@ def solve_catenaries(
     from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
 
     solutions, status = np.empty((value.size, 6)), np.empty(value.size, dtype=np.int64)
-    kind = LENGTH_KEYS.index(key)  # the kernels number the quantities in the same order
+    kind = CATENARY_KEYS.index(key)  # the kernels number the quantities in the same order
     kernel.solve_many(*plane, stiffness, kind, value, solutions, status)
     return solutions, status
 
@@ -77,7 +77,7 @@ def check_solved(status: int, plane: Sequence[float], stiffness: float, key: str
     if status == kernel.FOUND:
         return
     if status == kernel.BELOW_LEAST_TENSION:
-        sign = 1.0 if LENGTH_KEYS.index(key) == kernel.UPPER_TENSION else -1.0
+        sign = 1.0 if CATENARY_KEYS.index(key) == kernel.UPPER_TENSION else -1.0
         least = kernel.least_tension(*plane, stiffness, sign)
         raise scene_error(name, value, f"at least {max(least, 0.0):.6g} N, the minimum over all lengths of this cable")
     if status == kernel.SLACK_WEIGHTLESS:
@@ -116,14 +116,23 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     from cablepod.catenary import _kernels_solve as kernel
 
     if p.bare is not None and prefix == "cable" and key != "unstretched_length":
-        key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
+        # tensioned without ice, at the reference temperature
+        key, value = "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
     plane = load_planes(p)
+    if key == "sag":
+        from cablepod.catenary._sag import force_of_sag  # imports this file
+
+        numbers = [float(number[0]) for number in plane[:4]]
+        key, value = "horizontal_force", force_of_sag(numbers, p.stiffness, value, name=f"{prefix}.sag")
     solutions, status = solve_catenaries(plane[:4], np.array([p.stiffness]), key, np.array([value], dtype=float))
     if status[0] == kernel.SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
         solutions[0, 0] = value
     elif status[0] != kernel.FOUND:
         numbers = [float(number[0]) for number in plane[:4]]
-        check_solved(int(status[0]), numbers, p.stiffness, key, value, name=f"{prefix}.{key}")
+        name, given = f"{prefix}.{key}", value
+        if p.expansion != 1.0:
+            name, given = "temperature", f"an unstretched length of {value:.12g} m"  # type: ignore[assignment]
+        check_solved(int(status[0]), numbers, p.stiffness, key, given, name=name)
     return solutions[0]
 
 
@@ -131,7 +140,14 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Solve the catenaries of stacked members (members, 6); also return which have a solution (members,)."""
     from cablepod.catenary import _kernels_solve as kernel
 
-    solutions, status = solve_catenaries(load_planes(p)[:4], p.stiffness, p.length_key, p.length_value)
+    plane, key, value = load_planes(p), p.length_key, p.length_value
+    if p.bare is not None and key != "unstretched_length":
+        key, value = "unstretched_length", p.expansion * member_statics(p.bare)[0][:, 0]
+    if key == "sag":
+        from cablepod.catenary._sag import forces_of_sags  # imports this file
+
+        key, value = "horizontal_force", forces_of_sags(plane[:4], p.stiffness, value)
+    solutions, status = solve_catenaries(plane[:4], p.stiffness, key, value)
     return solutions, status == kernel.FOUND
 
 

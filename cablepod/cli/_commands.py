@@ -16,7 +16,7 @@ from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.archive._write import check_target
-from cablepod.cli import _arguments, _group, _map, _mast, _periodic, _report, _summary, _templates
+from cablepod.cli import _arguments, _design, _group, _map, _mast, _periodic, _report, _summary, _templates
 from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
 from cablepod.errors import SceneError
@@ -219,6 +219,15 @@ def ensemble_command(
         )
     say("\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))]))
     say(describe_ensemble(folder, brief=True))
+
+
+@commands.command("design", **_templates.texts("design"))
+@SCENE
+@_design.options
+def design_command(**options: Any) -> None:
+    """Run storms from all directions and of all speeds."""
+    with telling_of_compilation():
+        _design.run(**options)
 
 
 FREQUENCY = click.option(

@@ -33,7 +33,7 @@ KEEPING, TIME_TO_KEEP = ("respond", "tongues"), 10.0
 #: Interval at which a second signal is looked for [s].
 LOOK_EVERY = 0.05
 #: How to go on, by command; the others begin anew.
-GO_ON = {"ensemble": "the same command goes on where it stopped"}
+GO_ON = dict.fromkeys(("ensemble", "design"), "the same command goes on where it stopped")
 
 
 def message(command: str | None, number: int = signal.SIGINT) -> str:

@@ -67,6 +67,18 @@ TEXTS = {
             "cablepod ensemble mast.toml --out out/mast",
         ),
     ),
+    "design": Texts(
+        "storms from all directions and of all speeds: peaks, envelopes and reactions of a mast or a guy",
+        "Storms from all directions and of all speeds on a mast or a guy: peaks of the tensions with intervals, utilisation, "
+        "envelopes of moment, shear and axial force, displacements, reactions, slack guys, buckling, damage; netCDF and CSV. "
+        "After Ctrl-C or a crash the same command goes on.",
+        "SCENE.toml: scene file with [wind] and [time], or a shipped scene",
+        (
+            "cablepod design mast120",
+            "cablepod design mast.toml --out out/design --directions 0,60,120 --speeds 15,20,25 --storms 10",
+            "cablepod design mast.toml --speeds 10,20,30 --shares 0.3,0.05,0.001 --slope 4 --reference-range 150",
+        ),
+    ),
     "respond": Texts(
         "periodic responses over the frequency of the forcing, their stability and bifurcations",
         "Branches of periodic responses of the condensed model under the harmonic forcing of the scene: netCDF, figures and "

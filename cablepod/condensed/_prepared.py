@@ -118,7 +118,7 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error(p.point_loads[0].key, "a point load", "uniform loads only; try: condensed.simulate")
     if p.load_factor is not None:
         raise scene_error("load.kind", p.load_factor.kind, "steady uniform loads only; try: condensed.simulate")
-    if p.bare is not None:
+    if p.bare is not None and p.diameter != p.bare.diameter:
         raise scene_error("ice.thickness", 0.5 * (p.diameter - p.bare.diameter), "0 m; try: condensed.simulate")
     if p.tension_damping is not None:
         raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")

@@ -106,12 +106,15 @@ class Beam:
         """Heights of the quadrature points (element, point) [m]."""
         return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + _gauss()[0])
 
-    def _assembled(self, derivative: int, values: np.ndarray) -> np.ndarray:
-        """Integrate values (element, point) times products of derivatives of the shapes, for all unknowns of one direction."""
+    def _blocks(self, derivative: int, values: np.ndarray) -> np.ndarray:
+        """Integrate values (element, point) times products of derivatives of the shapes, for each element (element, 4, 4)."""
         shapes = self._shapes(derivative)
-        blocks = (shapes * (0.5 * self.length[:, None] * _gauss()[1] * values)[:, None]) @ np.swapaxes(shapes, 1, 2)
+        return (shapes * (0.5 * self.length[:, None] * _gauss()[1] * values)[:, None]) @ np.swapaxes(shapes, 1, 2)
+
+    def _assembled(self, derivative: int, values: np.ndarray) -> np.ndarray:
+        """Return the same for all unknowns of one direction."""
         matrix = np.zeros((2 * self.height.size, 2 * self.height.size))
-        for e, block in enumerate(blocks):
+        for e, block in enumerate(self._blocks(derivative, values)):
             matrix[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += block
         return matrix[np.ix_(self.free, self.free)]
 
@@ -149,17 +152,54 @@ class Beam:
         """Matrix from the unknowns to the displacement of all nodes in x and z (node, 2, count)."""
         return self.displacement_rows(np.arange(self.height.size))
 
+    def section_rows(self, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Return the matrix from the unknowns to the section forces in x and z (node + element, 2, count).
+
+        First the bending moments at the nodes, then the horizontal force in each element, of what is above on what is below.
+        They are the forces on the ends of the elements, bending and axial force together: in equilibrium with loads on the nodes,
+        which moments by EI w'' of cubic shapes are to the order of the mesh only.
+
+        Parameters
+        ----------
+        levels, pull
+            Heights of the guys [m] and their vertical pull on the mast, downwards (guys,) [N].
+        """
+        total = self._sections_without_guys.copy()
+        for level in np.unique(levels).tolist():
+            total += float(pull[levels == level].sum()) * self.sections_of_pull(level)
+        return total
+
+    def sections_of_pull(self, level: float) -> np.ndarray:
+        """Return what a downward pull of one at a height [m] adds to :meth:`section_rows`."""
+        if level not in self._kept_sections:
+            self._kept_sections[level] = self._sections(self._blocks(1, -1.0 * (level > self._places)))
+        return self._kept_sections[level]
+
     @cached_property
-    def moment_rows(self) -> np.ndarray:
-        """Matrix from the unknowns to the bending moments EI w'' at the nodes in x and z (node, 2, count), mean of both sides."""
-        count, single = self.height.size, np.zeros((self.height.size, 2 * self.height.size))
-        sides = np.full(count, 2.0)
+    def _kept_sections(self) -> dict[float, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _sections_without_guys(self) -> np.ndarray:
+        weight = self._blocks(1, -self.compression(self._places, np.zeros(0), np.zeros(0)))
+        return self._sections(
+            self._blocks(2, self.section[:, BENDING_STIFFNESS, None] * np.ones(GAUSS_POINTS)) + weight
+        )
+
+    def _sections(self, blocks: np.ndarray) -> np.ndarray:
+        """Return the matrix from the unknowns to section forces, for the stiffness of each element (element, 4, 4)."""
+        nodes = self.height.size
+        single, sides = np.zeros((2 * nodes - 1, 2 * nodes)), np.full(nodes, 2.0)
         sides[[0, -1]] = 1.0
-        for e, length in enumerate(self.length):
-            shapes = hermite(np.array([0.0, 1.0]), float(length), 2) * self.section[e, BENDING_STIFFNESS]
-            for side in range(2):
-                single[e + side, 2 * e : 2 * e + 4] += shapes[:, side] / sides[e + side]
-        result = np.zeros((count, 2, self.count))
+        for e, block in enumerate(blocks):
+            where = slice(2 * e, 2 * e + 4)
+            single[e, where] -= block[1] / sides[e]
+            single[e + 1, where] += block[3] / sides[e + 1]
+            single[nodes + e, where] = -block[0]
+        single[nodes - 1] = 0.0  # ends that turn freely have no moment, in motion either
+        if self.base == "pinned":
+            single[0] = 0.0
+        result = np.zeros((len(single), 2, self.count))
         for direction in range(2):
             result[:, direction, direction * self.free.size : (direction + 1) * self.free.size] = single[:, self.free]
         return result

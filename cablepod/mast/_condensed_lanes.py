@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +83,10 @@ class Lanes:
     def __init__(self, model: CondensedGuys) -> None:
         from cablepod.mast import _kernels_guys as kernel
 
-        guys, self.model, self.rank = model.guys, model, model.rank
+        guys, self.rank = model.guys, model.rank
+        self.model = weakref.proxy(
+            model
+        )  # which keeps these lanes: in a circle both would keep the air of many members
         self.count = guys.count
         self.size = -(-max(self.count, 1) // LANES) * LANES
         self.modes = -(-self.rank // MODES_TOGETHER) * MODES_TOGETHER

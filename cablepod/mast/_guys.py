@@ -97,6 +97,11 @@ class GuyStatics:
         """Forces on the mast (guys, 3) [N]."""
         return self._end_forces[:, 1]
 
+    @property
+    def anchor_forces(self) -> np.ndarray:
+        """Forces on the anchors (guys, 3) [N]."""
+        return self._end_forces[:, 0]
+
     @cached_property
     def _end_forces(self) -> np.ndarray:
         """Forces on anchor and mast (guys, 2, 3) [N]."""
@@ -150,9 +155,12 @@ def static_guys(p: MastParameters) -> list[StaticGuy]:
 
 
 def unstretched_length_of(guy: Guy) -> float:
-    """Return the unstretched length of a guy [m], from its tension on the straight mast in still air without ice."""
+    """Return the unstretched length of a guy [m].
+
+    It follows from its tension on the straight mast in still air without ice, at the reference temperature.
+    """
     bare = guy.p if guy.p.bare is None else guy.p.bare
-    return float(solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)[0])
+    return float(guy.p.expansion * solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)[0])
 
 
 def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | None = None) -> list[StaticGuy]:

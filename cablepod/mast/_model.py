@@ -119,16 +119,6 @@ class ModalMast:
         return self.rest.rows @ self.modes
 
     @cached_property
-    def moment_rows(self) -> np.ndarray:
-        """Bending moments at the nodes by the modes (nodes, 2, modes)."""
-        return self.rest.beam.moment_rows @ self.modes
-
-    @cached_property
-    def moment_rest(self) -> np.ndarray:
-        """Bending moments at the nodes at rest (nodes, 2) [N m]."""
-        return self.rest.beam.moment_rows @ self.rest.unknowns
-
-    @cached_property
     def load_vectors(self) -> np.ndarray:
         """Loads of the mast on the modes for factors of one (loads, modes)."""
         return load_vectors(self.rest.p, self.rest.beam) @ self.modes

@@ -9,15 +9,17 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import COORDINATES, label
+from cablepod.mast._beam import Beam
+from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, forces_of, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
-from cablepod.mast._moments import bending_moments
 from cablepod.mast._request import MastTrajectory
 from cablepod.parameters._mast import MastParameters
+from cablepod.wind._mast_air import MastAir
 
 #: Outputs of a run.
 OUTPUTS = (
-    "displacement", "guy_tension", "guy_force", "guy_position", "bending_moment", "extremes", "energy", "error_estimate"
+    "displacement", "guy_tension", "guy_force", "guy_position", *OVER_TIME, "extremes", ENVELOPES, "energy", "error_estimate"
 )  # fmt: skip
 #: Name -> (units, long name) of the variables of a mast.
 NAMES: dict[str, tuple[str, str]] = {
@@ -36,6 +38,13 @@ NAMES: dict[str, tuple[str, str]] = {
     "point": ("1", "number of the point, 0 at the anchor"),
     "guy_length": ("m", "unstretched length of the guy"),
     "bending_moment": ("N m", "bending moment EI d2u/dy2 of the mast for displacements along the coordinate"),
+    "element": ("1", "number of the element of the mast, 0 at the foot"),
+    "element_bottom": ("m", "height of the lower end of the element"),
+    "element_top": ("m", "height of the upper end of the element"),
+    "shear_force": ("N", "horizontal force of the mast above on the mast below, in the element"),
+    "axial_compression": ("N", "axial force at the lower end of the element, compression positive"),
+    "foot_force": ("N", "force of the mast on its foundation"),
+    "anchor_force": ("N", "force of the guy on its anchor"),
     "axial_force": ("N", "axial force of the mast, compression positive, mean of both sides of the node"),
     "buckling_factor": ("1", "factor of the axial force at which the mast buckles, the stiffness of the guys kept"),
     "angular_frequency": ("rad s-1", "angular frequency of small vibrations about rest"),
@@ -56,6 +65,18 @@ for _name in ("displacement", "guy_tension", "bending_moment"):
         NAMES[f"{_name}_{_what}"] = (NAMES[_name][0], f"{_text} {NAMES[_name][1]}, {_of}")
     for _what in ("minimum", "maximum"):
         NAMES[f"{_name}_{_what}_time"] = ("s", f"time of the {NAMES[f'{_name}_{_what}'][1]}")
+for _name in ("axial_compression", "foot_force", "anchor_force"):
+    for _what, _text in (("minimum", "least"), ("maximum", "largest")):
+        NAMES[f"{_name}_{_what}"] = (NAMES[_name][0], f"{_text} {NAMES[_name][1]}, at the output times")
+for _name in ("displacement", "bending_moment", "shear_force", "anchor_force"):
+    NAMES[f"{_name}_largest"] = (NAMES[_name][0], f"largest magnitude of the {NAMES[_name][1]}, at the output times")
+for _name in ("foot_force", "anchor_force"):
+    NAMES[f"{_name}_horizontal_largest"] = (
+        "N", f"largest magnitude of the horizontal {NAMES[_name][1]}, at the output times"
+    )  # fmt: skip
+NAMES["guy_axial_force_minimum"] = (
+    "N", "least force of the guy over the run, negative or 0 where it is slack: chordwise (condensed), of its links (chain)"
+)  # fmt: skip
 
 
 def dataset(p: MastParameters, variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
@@ -68,20 +89,25 @@ def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Map
     """Return the coordinates with those of the axes and of the guys."""
     used = {dim for dims, _ in variables.values() for dim in dims}
     coords: dict[str, Any] = {name: value for name, value in coordinates.items()}
+    if "level" in coords:
+        coords["level"] = p.given_heights(coords["level"])
+    if "node_height" in coords:
+        coords["node_height"] = ("node", p.given_heights(coords["node_height"][1]))
     if "coordinate" in used:
         coords["coordinate"] = list(COORDINATES)
     if "guy" in used and p.guys:
         coords["guy"] = np.arange(1, len(p.guys) + 1)
-        coords["guy_level"] = ("guy", np.array([guy.level for guy in p.guys]))
+        coords["guy_level"] = ("guy", p.given_heights(np.array([guy.level for guy in p.guys])))
         coords["table"] = ("guy", np.array([guy.table for guy in p.guys]))
     return coords
 
 
-def spatial(values: np.ndarray) -> np.ndarray:
-    """Return values in x and z (..., 2) as vectors (..., 3) without vertical part."""
-    result = np.zeros((*values.shape[:-1], 3))
-    result[..., 0], result[..., 2] = values[..., 0], values[..., 1]
-    return result
+def nodes_of(beam: Beam) -> dict[str, Any]:
+    """Return the coordinates of nodes and elements of the mast."""
+    return {
+        "node": np.arange(beam.height.size), "node_height": ("node", beam.height), "element": np.arange(beam.length.size),
+        "element_bottom": ("element", beam.height[:-1]), "element_top": ("element", beam.height[1:]),
+    }  # fmt: skip
 
 
 def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:
@@ -89,18 +115,22 @@ def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:
     return (modal @ rows.reshape(-1, rows.shape[-1]).T).reshape(-1, *rows.shape[:2])
 
 
-def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> xr.Dataset:
-    """Return a run as a Dataset, up to where it was computed."""
-    return dataset(mast.rest.p, *_values(mast, run, outputs))
+def trajectory(
+    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], air: MastAir | None, guys: str
+) -> xr.Dataset:
+    """Return a run with guys of a kind in its air as a Dataset, up to where it was computed."""
+    return dataset(mast.rest.p, *_values(mast, run, outputs, air, guys))
 
 
-def _values(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _values(
+    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], air: MastAir | None, guys: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return variables and coordinates of a run, up to where it was computed."""
     request, n = run.request, run.completed
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {"time": request.times[:n], "level": mast.heights}
+    moved = mast.level_rest + seen_from(mast.level_rows, run.modal[:n])
     if "displacement" in outputs:
-        moved = mast.level_rest + seen_from(mast.level_rows, run.modal[:n])
         variables["displacement"] = (("time", "level", "coordinate"), spatial(moved))
     if "guy_tension" in outputs:
         variables["guy_tension"] = (("time", "guy"), run.tension[:n])
@@ -109,10 +139,10 @@ def _values(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> t
     if run.guy_position is not None:
         variables["guy_position"] = (("time", "guy", "point", "coordinate"), run.guy_position[:n])
         coords["point"] = np.arange(run.guy_position.shape[2])
-    if {"bending_moment", "extremes"} & set(outputs):
-        coords["node"] = np.arange(mast.rest.beam.height.size)
-        coords["node_height"] = ("node", mast.rest.beam.height)
-        variables |= _moments(mast, run, outputs)
+    if NEED_FORCES & set(outputs):
+        variables |= _forces(forces_of(mast, run, air, outputs), outputs, moved, guys)
+        used = {dim for dims, _ in variables.values() for dim in dims}
+        coords |= {name: value for name, value in nodes_of(mast.rest.beam).items() if name.split("_")[0] in used}
     if "extremes" in outputs and not run.status:
         variables |= _extremes(mast, run)
     if run.energy is not None:
@@ -124,18 +154,19 @@ def _values(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> t
     return variables, coords
 
 
-def _moments(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> dict[str, Any]:
-    """Return bending moments, and their extremes over the outputs of the window."""
-    request, n = run.request, run.completed
-    variables: dict[str, Any] = {}
-    moments = bending_moments(mast, run)
-    if "bending_moment" in outputs:
-        variables["bending_moment"] = (("time", "node", "coordinate"), spatial(moments))
-    first, last = (0.0, np.inf) if request.window is None else request.window
-    within = moments[(request.times[:n] >= first) & (request.times[:n] <= last)]
-    if "extremes" in outputs and len(within):
-        for name, values in (("minimum", within.min(axis=0)), ("maximum", within.max(axis=0))):
+def _forces(forces: Forces, outputs: tuple[str, ...], moved: np.ndarray, guys: str) -> dict[str, Any]:
+    """Return section forces and reactions over time, and their extremes and envelopes over the outputs of the window."""
+    run = forces.run
+    first, last = (0.0, np.inf) if run.request.window is None else run.request.window
+    times = run.request.times[: run.completed]
+    within = (times >= first) & (times <= last)
+    variables = over_time(forces, outputs)
+    if "extremes" in outputs and within.any():
+        of_window = forces.bending_moment[within]
+        for name, values in (("minimum", of_window.min(axis=0)), ("maximum", of_window.max(axis=0))):
             variables[f"bending_moment_{name}"] = (("node", "coordinate"), spatial(values))
+    if ENVELOPES in outputs and within.any() and not run.status:
+        variables |= envelopes(forces, moved, within, guys)
     return variables
 
 

@@ -9,9 +9,10 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
-from cablepod.mast._output import dataset, spatial
+from cablepod.mast._envelopes import spatial
+from cablepod.mast._output import dataset, nodes_of
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
-from cablepod.mast._statics import rest_in
+from cablepod.mast._statics import MastRest, mean_drag, rest_in
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.wind._mast_air import mean_mast_air
@@ -31,8 +32,10 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         ``displacement (level, coordinate)`` [m], ``guy_tension``, ``guy_tension_anchor (guy)`` [N], ``guy_force (guy,
-        coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``axial_force
-        (node)`` [N, compression], ``buckling_factor``.
+        coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``shear_force
+        (element, coordinate)`` [N], ``axial_force (node)`` [N, compression, mean of both sides], ``axial_compression (element)``
+        [N, at its lower end], ``foot_force (coordinate)`` and ``anchor_force (guy, coordinate)`` [N] on the foundations,
+        ``buckling_factor``.
 
     Raises
     ------
@@ -60,7 +63,8 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     ([5000.0, 5000.0, 5000.0], 'N')
     """
     p = mast_parameters(scene)
-    found = rest_in(p, mean_mast_air(p))
+    air = mean_mast_air(p)
+    found = rest_in(p, air)
     beam, levels = found.beam, p.levels
     warn_of_slopes(beam, slopes_of(beam, beam.all_rows @ found.unknowns)[None])
     nodes = np.array([beam.node(level) for level in levels])
@@ -73,7 +77,10 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     sides[0][0], sides[1][-1] = sides[1][0], sides[0][-1]
     variables: dict[str, Any] = {
         "displacement": (("level", "coordinate"), spatial(moved)),
-        "bending_moment": (("node", "coordinate"), spatial(beam.moment_rows @ found.unknowns)),
+        "bending_moment": (("node", "coordinate"), spatial(found.sections[: beam.height.size])),
+        "shear_force": (("element", "coordinate"), spatial(found.sections[beam.height.size :])),
+        "axial_compression": (("element",), found.compression),
+        "foot_force": (("coordinate",), _foot_force(found, mean_drag(p, beam, air))),
         "axial_force": (("node",), 0.5 * (sides[0] + sides[1])),
         "buckling_factor": ((), found.buckling_factor),
     }
@@ -82,10 +89,17 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
             "guy_tension": (("guy",), found.tension[:, 1]),
             "guy_tension_anchor": (("guy",), found.tension[:, 0]),
             "guy_force": (("guy", "coordinate"), found.force),
+            "anchor_force": (("guy", "coordinate"), found.statics.anchor_forces),
             "guy_length": (("guy",), np.array([guy.length for guy in found.guys])),
             "anchor": (("guy", "coordinate"), np.array([guy.p.lower for guy in found.guys])),
         }
-    coords = {"level": levels, "node": np.arange(beam.height.size), "node_height": ("node", beam.height)}
+    coords = {"level": levels, **nodes_of(beam)}
     result = dataset(p, variables, coords)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest", air=air_at_rest(p))
     return provenance.record(result, function="mast.rest", parameters={}, inputs=[scene])
+
+
+def _foot_force(found: MastRest, drag: np.ndarray) -> np.ndarray:
+    """Return the force on the foundation (3,) [N], with the mean drag on the foot itself, for that on the nodes (nodes, 2)."""
+    across = found.sections[found.beam.height.size] + drag[0]
+    return np.array([across[0], -found.compression[0], across[1]])

@@ -20,6 +20,7 @@ from cablepod.mast._catenary_run import CatenaryGuys
 from cablepod.mast._chain_run import ChainGuys
 from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys
+from cablepod.mast._envelopes import NEED_FORCES
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
@@ -62,7 +63,7 @@ class MastCase:
         self.model = _model_of(self.mast, guys, modes, self.count, links, air)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,
-            keeps_guys="guy_position" in self.wanted, keeps_drag=bool({"bending_moment", "extremes"} & set(self.wanted)),
+            keeps_guys="guy_position" in self.wanted, keeps_drag=bool(NEED_FORCES & set(self.wanted)),
         )  # fmt: skip
 
     def run(self) -> tuple[MastTrajectory, dict[str, Any]]:
@@ -99,7 +100,7 @@ class MastCase:
             If the run stopped before its end.
         """
         guys, window = self.guys, self.window
-        result = output.trajectory(self.mast, run, self.wanted)
+        result = output.trajectory(self.mast, run, self.wanted, self.air, guys)
         result.attrs.update(self.attributes(run, notes))
         if run.status:
             result.attrs["incomplete"] = f"stopped at {run.stopped_at:.9g} s"

@@ -56,8 +56,9 @@ def simulate(
     wind
         Field of the air, as of :func:`cablepod.wind.field`, in place of that of the scene.
     outputs
-        Some of "displacement", "guy_tension", "guy_force", "bending_moment", "extremes"; with condensed guys also
-        "guy_position" (at 21 points of each guy), "energy" (without wind) and "error_estimate" (one more run with richer guys).
+        Some of "displacement", "guy_tension", "guy_force", "bending_moment", "shear_force", "axial_compression", "foot_force",
+        "anchor_force", "extremes", "envelopes"; with condensed guys also "guy_position" (at 21 points of each guy), "energy"
+        (without wind) and "error_estimate" (one more run with richer guys).
     progress
         Callback receiving the completed fraction, 1 at the end.
 
@@ -66,8 +67,12 @@ def simulate(
     xarray.Dataset
         ``displacement (time, level, coordinate)`` [m], ``guy_tension (time, guy)`` [N] at the mast, ``guy_force (time, guy,
         coordinate)`` [N] on the mast, ``guy_position (time, guy, point, coordinate)`` [m] from anchor to mast,
-        ``bending_moment (time, node, coordinate)`` [N m]; with "extremes" least and largest
-        values, their times, means and standard deviations over all steps (of bending moments, over the outputs).  Of a guy that
+        ``bending_moment (time, node, coordinate)`` [N m], ``shear_force (time, element, coordinate)`` [N] horizontal, of the mast
+        above on the mast below, ``axial_compression (time, element)`` [N] at its lower end, ``foot_force (time, coordinate)`` [N]
+        on the foundation, ``anchor_force (time, guy, coordinate)`` [N] on the anchors; with "extremes" least and largest values,
+        their times, means and standard deviations over all steps (of bending moments, over the outputs); with "envelopes" over
+        the outputs the largest magnitude of displacement, moment, shear and reactions, and least and largest axial force and
+        reactions, and ``guy_axial_force_minimum (guy)``, which is not above 0 where a guy is slack.  Of a guy that
         breaks, tension and force are 0 afterwards.  Attributes:
         kind of guys, step [s], number of steps, least chordwise force of the guys [N] (chains: least tension).
 

@@ -71,6 +71,21 @@ class MastRest:
         return self.beam.bending + self.geometric
 
     @cached_property
+    def section_rows(self) -> np.ndarray:
+        """Matrix from the unknowns to the section forces, see :meth:`cablepod.mast._beam.Beam.section_rows`."""
+        return self.beam.section_rows(self.levels, self.pull)
+
+    @cached_property
+    def sections(self) -> np.ndarray:
+        """Bending moments at the nodes [N m], then horizontal forces in the elements [N], in x and z (node + element, 2)."""
+        return self.section_rows @ self.unknowns
+
+    @cached_property
+    def compression(self) -> np.ndarray:
+        """Axial force at the lower ends of the elements, positive in compression (element,) [N]."""
+        return self.beam.compression(self.beam.height[:-1], self.levels, self.pull)
+
+    @cached_property
     def guy_stiffness(self) -> np.ndarray:
         """Static stiffness of the guys in x and z (guys, 2, 2) [N/m]."""
         return self.statics.stiffness()[:, [0, 2]][:, :, [0, 2]]
@@ -137,16 +152,19 @@ def steady_load(p: MastParameters, beam: Beam, air: MastAir | None) -> np.ndarra
     total = np.zeros(beam.count)
     for load, vector in zip(p.loads, load_vectors(p, beam), strict=True):
         total += vector * (1.0 if load.factor is None else float(load.factor(0.0)))
+    return total + np.tensordot(mean_drag(p, beam, air), beam.all_rows, 2)
+
+
+def mean_drag(p: MastParameters, beam: Beam, air: MastAir | None) -> np.ndarray:
+    """Return the mean drag on the nodes in x and z, at the foot too (nodes, 2) [N]; in the mean of a field in place of [wind]."""
     if air is not None:
         velocity = air.at_nodes(beam.height, air.start)
-        force = 0.5 * air.density * (beam.drag_areas * np.linalg.norm(velocity, axis=1))[:, None] * velocity
-        total += np.tensordot(force, beam.all_rows, 2)
-    elif p.wind is not None and not float(p.wind["ramp"]):
-        speed = mean_speed(p.wind, beam.height - float(p.wind["ground"]))
-        force = 0.5 * float(p.wind["air_density"]) * beam.drag_areas * speed**2
-        direction = direction_of(p.wind)[[0, 2]]
-        total += np.tensordot(force[:, None] * direction, beam.all_rows, 2)
-    return total
+        return 0.5 * air.density * (beam.drag_areas * np.linalg.norm(velocity, axis=1))[:, None] * velocity
+    if p.wind is None or float(p.wind["ramp"]):
+        return np.zeros((beam.height.size, 2))
+    speed = mean_speed(p.wind, beam.height - float(p.wind["ground"]))
+    force = 0.5 * float(p.wind["air_density"]) * beam.drag_areas * speed**2
+    return force[:, None] * direction_of(p.wind)[[0, 2]]
 
 
 @lru_cache(16)

@@ -142,7 +142,7 @@ def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:
         notes.append(f"the critical factor of buckling is {factor:.3g}: imperfections, which are not modelled, matter")
     for g, guy in enumerate(p.guys):
         lowest = float(at_rest["guy_tension_anchor"][g])
-        given = guy.p.length_value if guy.p.length_key != "unstretched_length" else None
+        given = guy.p.length_value if guy.p.length_key.endswith("tension") else None
         if given is not None and lowest < NEARLY_SLACK * given:
             notes.append(f"guy {g + 1} ({guy.key}) is nearly slack at rest, {lowest:.4g} N at its anchor")
     largest = float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())

@@ -103,6 +103,14 @@ def text(key: str, value: Any) -> str:
     return value
 
 
+def truth(key: str, value: Any) -> bool:
+    """Check a truth value."""
+    value = _scalar(value)
+    if not isinstance(value, bool | np.bool_):
+        raise scene_error(key, value, "true or false")
+    return bool(value)
+
+
 def choice(*allowed: str) -> Check:
     """Make a check of a choice of words."""
 

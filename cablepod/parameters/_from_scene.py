@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._checks import choice
+from cablepod.parameters._given import cross_section, upper_end
 from cablepod.parameters._key_paths import dotted, motion_path, point_load_path, table_at, variable_name, whole_table_at
 from cablepod.parameters._keys import (
     CABLE,
@@ -23,7 +24,6 @@ from cablepod.parameters._keys import (
     POINT_LOAD,
     TABLES,
     TURBULENCE,
-    WEIGHT_KEYS,
     WIND,
     check_damping,
     exactly_one,
@@ -31,15 +31,16 @@ from cablepod.parameters._keys import (
 )
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._scene_values import check_values
+from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.provenance import digest
 
 #: Variables of a record: times [s] and values, duration of the smooth start [s].
 RECORD = ("time", "value", "ramp")
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
-STACKED_TABLES = ("gravity", "cable_", "ends_", "load_", "motion_", "damping_")
+STACKED_TABLES = ("gravity", *TEMPERATURES, "cable_", "ends_", "load_", "motion_", "damping_")
 #: Variables that each member has.
-NEEDED = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
+NEEDED = ("gravity", "ends_lower")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
@@ -178,31 +179,27 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
             raise SceneError(f"{dotted(name)}: missing; allowed: a number, as make_scene gives it")
     cable = table_at(values, "cable", CABLE)
     length_key = exactly_one("cable", cable, LENGTH_KEYS)
-    weight_key = exactly_one("cable", cable, WEIGHT_KEYS)
+    gravity = number(values["gravity"])
+    section = cross_section(cable, gravity, number=number)
     weight = np.zeros(values["ends_lower"].shape)
     dims = weight.shape[-1]
-    gravity, area = number(values["gravity"]), number(cable["area"])
-    if weight_key == "density":
-        mass = number(cable["density"]) * area
-        weight[..., 1] = -(mass * gravity)
-    else:
-        downward = number(cable["specific_weight"]) * area
-        weight[..., 1], mass = -downward, downward / gravity
+    weight[..., 1] = -section.weight
     motions = {key: _time_function(values, motion_path(*key)) for key in product(ENDS, COORDINATES[:dims])}
     time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
     result = Parameters(
-        stiffness=number(cable["youngs_modulus"]) * area,
-        area=area,
-        mass=mass,
+        stiffness=section.stiffness,
+        area=section.area,
+        mass=section.mass,
         weight=weight,
         lower=values["ends_lower"],
-        upper=values["ends_upper"],
+        upper=upper_end(table_at(values, "ends", TABLES["ends"])),
         free_end=str(values["ends_free"]) if "ends_free" in values else None,
         motions={key: motion for key, motion in motions.items() if motion is not None},
         load=values["load_uniform"] if np.any(values.get("load_uniform", 0.0)) else None,
         load_factor=_time_function(values, "load", keeps_start=True),
         point_loads=tuple(load for load in _point_loads(values) if np.any(load.force)),
-        weight_key=weight_key,
+        stiffness_key=section.stiffness_key,
+        weight_key=section.weight_key,
         length_key=length_key,
         length_value=number(cable[length_key]),
         duration=float(time["duration"]) if "duration" in time else None,
@@ -221,6 +218,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         wind=whole_table_at(values, "wind", WIND) or None,
         turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
     )
+    result = expanded(result, expansion_of(values, cable, "cable", number))
     ice = whole_table_at(values, "ice", ICE)
     return _with_ice(result, number(ice["thickness"]), number(ice["density"]), gravity) if ice else result
 
@@ -229,10 +227,15 @@ def _with_ice(p: Parameters, thickness: Any, density: Any, gravity: Any) -> Para
     """Return the cable with ice, which adds mass, weight and diameter, and neither stiffness nor length."""
     if not np.any(thickness):
         return p
-    mass = density * np.pi * thickness * (p.diameter + thickness)
+    mass = ice_mass(density, thickness, p.diameter)
     weight = p.weight.copy()
     weight[..., 1] -= mass * gravity
-    return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p)
+    return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p.bare or p)
+
+
+def ice_mass(density: Any, thickness: Any, diameter: Any) -> Any:
+    """Return the mass per length of a round coat of ice on a diameter [kg/m]."""
+    return density * np.pi * thickness * (diameter + thickness)
 
 
 def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...]) -> None:

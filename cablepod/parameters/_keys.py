@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from cablepod.errors import SceneError, did_you_mean, named, scene_error, shown
-from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text
+from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text, truth
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,11 @@ class Key:
         return self.check.__qualname__.startswith(f"{choice.__name__}.")
 
     @property
+    def is_truth(self) -> bool:
+        """Whether it is true or false."""
+        return self.check is truth
+
+    @property
     def is_whole(self) -> bool:
         """Whether it is a whole number."""
         return self.check.__qualname__.startswith(f"{integer.__name__}.")
@@ -41,29 +46,48 @@ def _force(long_name: str) -> Key:
     return Key(number(above=0.0), "N", long_name)
 
 
+#: Temperatures [degC], and coefficients of thermal expansion [1/K]: polyethylene 2e-4, aramid -2e-6.
+_TEMPERATURE = number(least=-273.15, most=1000.0)
+EXPANSION = Key(number(least=-5e-4, most=5e-4), "K-1", "coefficient of thermal expansion")
 TOP = {
     "title": Key(text, None, "title"),
     "gravity": Key(number(least=0.0), "m s-2", "gravitational acceleration, along -y", default=9.81),
+    "temperature": Key(_TEMPERATURE, "degC", "temperature of cables and mast, that of reference by default"),
+    "reference_temperature": Key(
+        _TEMPERATURE, "degC", "temperature at which given tensions, sags and lengths hold, 20 by default"
+    ),
 }
 CABLE = {
-    "youngs_modulus": Key(number(above=0.0), "Pa", "Young's modulus", required=True),
-    "area": Key(number(above=0.0), "m2", "area of the unstrained cross-section", required=True),
+    "youngs_modulus": Key(number(above=0.0), "Pa", "Young's modulus"),
+    "axial_stiffness": _force("axial stiffness EA"),
+    "area": Key(number(above=0.0), "m2", "area of the unstrained cross-section"),
     "specific_weight": Key(number(above=0.0), "N m-3", "weight per volume of the unstrained cable"),
     "density": Key(number(above=0.0), "kg m-3", "mass per volume of the unstrained cable"),
+    "mass_per_length": Key(number(above=0.0), "kg m-1", "mass per unstretched length"),
     "top_tension": _force("tension at the upper end of the continuous cable at rest"),
     "bottom_tension": _force("tension at the lower end of the continuous cable at rest"),
     "horizontal_force": _force("component of the tension normal to the total load at rest"),
     "unstretched_length": Key(number(above=0.0), "m", "unstretched length of the cable"),
-    "strand": Key(text, None, "strand of the shipped table, which gives the keys that are missing"),
+    "sag": Key(number(above=0.0), "m", "largest distance below the chord at rest, along the total load"),
+    "strand": Key(text, None, "strand of a table, which gives the keys that are missing"),
+    "strand_table": Key(text, None, "CSV file of strands, in place of the shipped table"),
     "breaking_strength": _force("breaking strength of the cable"),
+    "thermal_expansion": EXPANSION,
     "diameter": Key(number(above=0.0), "m", "diameter of the cable, on which the wind acts"),
     "drag_coefficient": Key(number(least=0.0), "1", "drag coefficient of the cable, 1.2 by default"),
 }
-LENGTH_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")
-WEIGHT_KEYS = ("specific_weight", "density")
+#: Quantities from which the kernels of the catenary find the length, in their order.
+CATENARY_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")
+LENGTH_KEYS = (*CATENARY_KEYS, "sag")
+STIFFNESS_KEYS = ("youngs_modulus", "axial_stiffness")
+WEIGHT_KEYS = ("specific_weight", "density", "mass_per_length")
 ENDS = {
     "lower": Key(point, "m", "position of the lower end at rest", required=True),
-    "upper": Key(point, "m", "position of the upper end at rest", required=True),
+    "upper": Key(point, "m", "position of the upper end at rest"),
+    "chord": Key(number(above=0.0), "m", "distance of the upper end from the lower one"),
+    "inclination": Key(
+        number(least=-90.0, most=90.0), "degree", "angle of the chord above the horizontal, the upper end towards +x"
+    ),
     "free": Key(choice("lower", "upper"), None, "end that moves freely"),
 }
 LOAD = {"uniform": Key(point, "N m-1", "load per unstretched length, beside the weight", required=True)}
@@ -126,6 +150,7 @@ TURBULENCE = {
     "length_scale": Key(number(above=0.0), "m", "length scale of the turbulence along the wind"),
     "decay": Key(numbers_list(least_length=2, above=0.0), "1", "decay of the coherence, vertical and across the wind"),
     "seed": Key(integer(least=0), "1", "seed of the turbulence", default=0),
+    "exact_mean": Key(truth, None, "whether the mean over the run is exactly that of the profile, false by default"),
     **WIND_RECORD,
 }
 ICE = {

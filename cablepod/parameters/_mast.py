@@ -18,18 +18,22 @@ from cablepod.parameters._from_scene import (
     _from_values,
     _is_gap,
     _time_function,
+    ice_mass,
 )
 from cablepod.parameters._key_paths import table_at, whole_table_at
-from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
+from cablepod.parameters._keys import ICE, TABLES, TURBULENCE, WIND
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.parameters._scene_values import check_values
+from cablepod.parameters._temperature import TEMPERATURES, expansion_of
 from cablepod.parameters._time_functions import TimeFunction
 
 #: Quantities of a cross-section.
 SECTION_KEYS = ("bending_stiffness", "mass", "drag_area")
 #: Number of links of a guy without [chain].
 LINKS = 40
+#: Decimals of heights in m as labels, one less than those of the nodes of a beam.
+LABEL_DIGITS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,10 @@ class MastLoad:
 
 @dataclass(frozen=True, eq=False)
 class MastParameters:
-    """Parameters of a mast in SI units; its foot is at the origin and y points up."""
+    """Parameters of a mast in SI units; its foot is at the origin and y points up.
+
+    Heights are those at the temperature of the scene, see :attr:`expansion`.
+    """
 
     height: float  #: [m]
     base: str  #: "pinned" or "clamped"
@@ -73,6 +80,11 @@ class MastParameters:
     guy_damping_ratios: tuple[float, ...] | None  #: of the vibrations of each guy about rest
     wind: Mapping[str, Any] | None
     turbulence: Mapping[str, Any] | None
+    expansion: float  #: heights over those of the scene, which hold at its reference temperature
+
+    def given_heights(self, heights: np.ndarray) -> np.ndarray:
+        """Return heights [m] as the scene gives them, which label results."""
+        return heights if self.expansion == 1.0 else np.round(heights / self.expansion, LABEL_DIGITS)
 
     def times(self) -> np.ndarray:
         """Return the times of the output [s]: 0, interval, ... up to the duration."""
@@ -130,24 +142,25 @@ def mast_from_values(values: Mapping[str, Any]) -> MastParameters:
 def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
     """Make the parameters of a mast; raises KeyError for missing keys."""
     table = table_at(values, "mast", MAST)
+    expansion = expansion_of(values, table, "mast") or 1.0
     time = table_at(values, "time", TABLES["time"])
     damping = table_at(values, "damping", TABLES["damping"])
     loads, number = [], 1
     while "level" in (load := table_at(values, path := f"mast.load.{number}", MAST_LOAD)):
         factor = _time_function(values, path, keeps_start=True)
-        loads.append(MastLoad(path, float(load["level"]), np.asarray(load["force"], dtype=float), factor))
+        loads.append(MastLoad(path, float(load["level"]) * expansion, np.asarray(load["force"], dtype=float), factor))
         number += 1
     if load:
         _check_present(path, load, ("level",))
     return MastParameters(
-        height=float(table["height"]),
+        height=float(table["height"]) * expansion,
         base=str(table["base"]),
         gravity=float(values["gravity"]),
         damping_ratio=float(table["damping_ratio"]),
         elements=int(table["elements"]),
         modes=int(table["modes"]),
-        sections=_sections(values, table),
-        guys=tuple(_guys(values)),
+        sections=_sections(values, table) * [expansion, expansion, 1.0, 1.0 / expansion, 1.0],
+        guys=tuple(_guys(values, expansion)),
         loads=tuple(loads),
         duration=float(time["duration"]) if "duration" in time else None,
         interval=float(time["interval"]) if "interval" in time else None,
@@ -155,31 +168,56 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         guy_damping_ratios=_damping_ratios(damping),
         wind=whole_table_at(values, "wind", WIND) or None,
         turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
+        expansion=expansion,
     )
 
 
 def _sections(values: Mapping[str, Any], table: Mapping[str, Any]) -> np.ndarray:
     """Return the sections of the mast from below, see :class:`MastParameters`."""
     height, given, number = float(table["height"]), [], 1
+    ice = whole_table_at(values, "ice", ICE)
     while "to" in (section := table_at(values, f"mast.section.{number}", MAST_SECTION)):
-        numbers = [float(section.get(name, table[name])) for name in SECTION_KEYS]
-        given.append([float(section["from"]), float(section["to"]), *numbers])
+        given.append([float(section["from"]), float(section["to"]), *_section({**table, **section}, ice)])
         number += 1
     if section:
         _check_present(f"mast.section.{number}", section, ("to",))
     rows, bottom = [], 0.0
     for row in sorted(given):
         if row[0] > bottom:
-            rows.append([bottom, row[0], *(float(table[name]) for name in SECTION_KEYS)])
+            rows.append([bottom, row[0], *_section(table, ice)])
         rows.append(row)
         bottom = row[1]
     if bottom < height:
-        rows.append([bottom, height, *(float(table[name]) for name in SECTION_KEYS)])
+        rows.append([bottom, height, *_section(table, ice)])
     return np.array(rows)
 
 
-def _guys(values: Mapping[str, Any]) -> list[Guy]:
-    """Return single guys, table by table and round the mast from the first direction."""
+def _section(table: Mapping[str, Any], ice: Mapping[str, Any]) -> list[float]:
+    """Return bending stiffness, mass and drag area of a cross-section with its ice, which widens all members alike.
+
+    Raises
+    ------
+    SceneError
+        For ice on a mast without a diameter.
+    """
+    stiffness, mass, drag_area = (float(table[name]) for name in SECTION_KEYS)
+    thickness = float(ice.get("thickness", 0.0))
+    if not thickness:
+        return [stiffness, mass, drag_area]
+    if "diameter" not in table:
+        raise SceneError(
+            "mast.diameter: missing; allowed: a diameter [m] of the mast, or of the members of its lattice, on which ice grows"
+        )
+    diameter = float(table["diameter"])
+    mass += float(table.get("member_length", 1.0)) * ice_mass(float(ice["density"]), thickness, diameter)
+    return [stiffness, mass, drag_area * (1.0 + 2.0 * thickness / diameter)]
+
+
+def _guys(values: Mapping[str, Any], expansion: float) -> list[Guy]:
+    """Return single guys, table by table and round the mast from the first direction.
+
+    Their tensions hold where the mast ends at the reference temperature; their levels rise with it by `expansion`.
+    """
     guys, number = [], 1
     while "level" in (table := table_at(values, path := f"guy.{number}", GUY)):
         cable, level = str(table["cable"]), float(table["level"])
@@ -188,8 +226,10 @@ def _guys(values: Mapping[str, Any]) -> list[Guy]:
         shared = {
             name: value
             for name, value in values.items()
-            if name.startswith(tuple(f"{shared.replace('.', '_')}_" for shared in SHARED_TABLES)) or name == "gravity"
+            if name.startswith(tuple(f"{shared.replace('.', '_')}_" for shared in SHARED_TABLES))
+            or name in ("gravity", *TEMPERATURES)
         }
+        expansion_of(values, of_cable, f"cables.{cable}")
         anchors = anchors_of(table)
         breaks: list[float | None] = [None] * len(anchors)
         if (broken := broken_guy(path, table)) is not None:
@@ -197,6 +237,9 @@ def _guys(values: Mapping[str, Any]) -> list[Guy]:
         own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()}
         ends = {"ends_lower": anchors[0], "ends_upper": np.array([0.0, level, 0.0])}
         first = _from_values({"chain_links": LINKS, **shared, **own, **ends})
+        if expansion != 1.0:
+            level *= expansion
+            first = replace(first, upper=np.array([0.0, level, 0.0]), bare=first.bare or first)
         guys += [
             Guy(path, number, cable, level, _anchored(first, anchor), time)
             for anchor, time in zip(anchors, breaks, strict=True)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from cablepod.parameters._checks import choice, integer, number, point, text
-from cablepod.parameters._keys import CABLE, LENGTH_KEYS, Key
+from cablepod.parameters._keys import CABLE, EXPANSION, LENGTH_KEYS, Key
 
 #: Keys of the cross-section of a mast.
 _SECTION = {
     "bending_stiffness": Key(number(above=0.0), "N m2", "bending stiffness of the mast", required=True),
     "mass": Key(number(above=0.0), "kg m-1", "mass per length of the mast", required=True),
     "drag_area": Key(number(least=0.0), "m", "drag coefficient times width of the mast", default=0.0),
+    "diameter": Key(number(above=0.0), "m", "diameter of the mast, or of the members of a lattice, on which ice grows"),
+    "member_length": Key(number(above=0.0), "1", "length of the members of a lattice per length of the mast"),
 }
 MAST = {
     "height": Key(number(above=0.0), "m", "height of the mast, whose foot is at the origin", required=True),
@@ -18,6 +20,7 @@ MAST = {
     "damping_ratio": Key(number(least=0.0, most=0.5), "1", "damping ratio of the modes of the mast", default=0.01),
     "elements": Key(integer(least=2, most=400), "1", "number of beam elements", default=24),
     "modes": Key(integer(least=1, most=60), "1", "number of modes of the mast in each direction", default=8),
+    "thermal_expansion": EXPANSION,
 }
 MAST_SECTION = {
     "from": Key(number(least=0.0), "m", "height of the lower end of the section", required=True),

@@ -46,7 +46,7 @@ class Parameters:
     """
 
     stiffness: Any  #: axial stiffness K [N]
-    area: Any  #: area of the unstrained cross-section [m2]
+    area: Any  #: area of the unstrained cross-section [m2]; None where it is not given
     mass: Any  #: mass per unstretched length [kg/m]
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
@@ -56,9 +56,10 @@ class Parameters:
     load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]
     load_factor: TimeFunction | None  #: factor of the uniform load [1]
     point_loads: tuple[PointLoad, ...]
+    stiffness_key: str  #: the given one of STIFFNESS_KEYS
     weight_key: str  #: the given one of WEIGHT_KEYS
     length_key: str  #: the given one of LENGTH_KEYS
-    length_value: Any  #: [N], or [m] for unstretched_length
+    length_value: Any  #: [N], or [m] for unstretched_length and sag
     duration: float | None  #: [s]
     interval: float | None  #: [s]
     links: int | None
@@ -75,9 +76,9 @@ class Parameters:
     drag_coefficient: Any = 1.2
     wind: Mapping[str, Any] | None = None  #: values of the table [wind]; None for still air
     turbulence: Mapping[str, Any] | None = None  #: values of the table [wind.turbulence]; None for steady wind
-    bare: Parameters | None = (
-        None  #: the same cable without its ice, to which the given tension belongs; None without ice
-    )
+    #: the same cable as it was tensioned, without ice and at the reference temperature; None where it is the same
+    bare: Parameters | None = None
+    expansion: Any = 1.0  #: unstretched length over that of `bare`
 
     @cached_property
     def dims(self) -> int:

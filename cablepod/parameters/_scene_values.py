@@ -62,7 +62,7 @@ def _check(name: str, kind: str | None, value: Any) -> None:
     key = _key(dotted(name), kind)
     if key is not None and key.is_whole and isinstance(value, float) and value.is_integer():
         value = int(value)  # xarray.concat makes floats of members that lack the variable
-    if key is not None and (key.is_number or key.is_choice):
+    if key is not None and (key.is_number or key.is_choice or key.is_truth):
         key.check(dotted(name), value)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError, closest, did_you_mean, named, scene_error
 from cablepod.parameters._checks import choice
+from cablepod.parameters._given import cross_section, upper_end
 from cablepod.parameters._key_paths import motion_path, nested, point_load_path
 from cablepod.parameters._keys import (
     ENSEMBLE,
@@ -20,7 +21,6 @@ from cablepod.parameters._keys import (
     POINT_LOAD,
     TABLES,
     TOP,
-    WEIGHT_KEYS,
     Key,
     check_damping,
     check_table,
@@ -49,7 +49,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         if name == "load" and name in mapping:
             tree[name] = check_with_factor(name, mapping[name], keys, folder)
         elif name in mapping:
-            table = with_strand(mapping[name]) if name == "cable" else mapping[name]
+            table = with_strand(mapping[name], folder) if name == "cable" else mapping[name]
             tree[name] = check_table(name, table, keys)
     dims = _check_ends(tree)
     check_cable(tree)
@@ -90,38 +90,39 @@ def _check_vector(key: str, value: list[float], dims: int) -> None:
 
 
 def _check_ends(tree: dict[str, Any]) -> int:
-    lower, upper = tree["ends"]["lower"], tree["ends"]["upper"]
+    lower, upper = tree["ends"]["lower"], [float(number) for number in upper_end(tree["ends"])]
+    if "chord" in tree["ends"]:
+        _check_chord("ends.chord", tree["ends"]["chord"], tree["ends"]["chord"])
+        return len(lower)
     if len(lower) != len(upper):
         raise scene_error("ends.upper", upper, f"{len(lower)} numbers, as many as ends.lower has")
     if lower == upper:
         raise scene_error(
             "ends.upper", upper, "a point other than ends.lower, because ends that coincide span no cable"
         )
-    chord = math.dist(lower, upper)
-    if not SHORTEST <= chord <= LONGEST:
-        raise scene_error("ends.upper", upper, f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)")
+    _check_chord("ends.upper", upper, math.dist(lower, upper))
     return len(lower)
 
 
-def check_cable(tree: dict[str, Any]) -> None:
+def _check_chord(key: str, given: Any, chord: float) -> None:
+    if not SHORTEST <= chord <= LONGEST:
+        raise scene_error(key, given, f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)")
+
+
+def check_cable(tree: dict[str, Any], prefix: str = "cable", length_keys: tuple[str, ...] = LENGTH_KEYS) -> None:
+    """Check the table of a cable; `length_keys` are those of which it must have exactly one."""
     cable = tree["cable"]
-    exactly_one("cable", cable, LENGTH_KEYS)
-    kind = exactly_one("cable", cable, WEIGHT_KEYS)
-    if kind == "specific_weight" and tree["gravity"] == 0.0:
-        raise scene_error(
-            "cable.specific_weight", cable[kind], "cable.density instead, as without gravity it gives no mass"
-        )
-    modulus = cable["youngs_modulus"]
-    stiffness = modulus * cable["area"]
-    if not 1e-6 <= stiffness <= 1e18:
-        raise scene_error(
-            "cable.youngs_modulus", modulus, f"an axial stiffness of 1e-6 to 1e18 N (it is {stiffness:g} N)"
-        )
-    mass = cable[kind] * cable["area"] / (tree["gravity"] if kind == "specific_weight" else 1.0)
-    if not 1e-15 <= mass <= 1e15 or not mass * tree["gravity"] <= 1e15:
-        raise scene_error(
-            f"cable.{kind}", cable[kind], f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {mass:g} kg/m)"
-        )
+    if length_keys:
+        exactly_one(prefix, cable, length_keys)
+    section = cross_section(cable, tree["gravity"], prefix=prefix)
+    if not 1e-6 <= section.stiffness <= 1e18:
+        given = cable[section.stiffness_key]
+        allowed = f"an axial stiffness of 1e-6 to 1e18 N (it is {section.stiffness:g} N)"
+        raise scene_error(f"{prefix}.{section.stiffness_key}", given, allowed)
+    if not 1e-15 <= section.mass <= 1e15 or not section.weight <= 1e15:
+        given = cable[section.weight_key]
+        allowed = f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {section.mass:g} kg/m)"
+        raise scene_error(f"{prefix}.{section.weight_key}", given, allowed)
 
 
 def check_chain(tree: dict[str, Any]) -> None:
@@ -147,9 +148,9 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
     line = initial["points"]
     for index, place in enumerate(line):
         _check_vector(f"initial.points[{index}]", place, dims)
-    chord = math.dist(tree["ends"]["lower"], tree["ends"]["upper"])
-    for end, place in zip(ENDS, (line[0], line[-1]), strict=True):
-        held = tree["ends"][end]
+    lower, upper = tree["ends"]["lower"], [float(number) for number in upper_end(tree["ends"])]
+    chord = math.dist(lower, upper)
+    for end, place, held in zip(ENDS, (line[0], line[-1]), (lower, upper), strict=True):
         if end != tree["ends"].get("free") and math.dist(place, held) > 1e-9 * chord:
             raise scene_error(
                 "initial.points", place, f"a line that begins and ends at the held ends (ends.{end} is {held})"

@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import key_at, kind_in, variable_name
-from cablepod.parameters._keys import TABLES, TURBULENCE, WIND, Key, check_damping, check_table
+from cablepod.parameters._keys import STIFFNESS_KEYS, TABLES, TURBULENCE, WIND, Key, check_damping, check_table
 from cablepod.parameters._mast_keys import SHARED_TABLES
 from cablepod.scene._check import check_cable, check_chain, check_time
 from cablepod.scene._files import read_record
@@ -54,7 +54,7 @@ def may_have(scene: xr.Dataset, path: str) -> bool:
     table, _, name = path.rpartition(".")
     if "mast_height" not in scene:
         return table.partition(".")[0] not in MAST_TABLES
-    is_shared = table in SHARED_TABLES and name not in (*DAMPING_OF_CABLES, "link_lengths")
+    is_shared = table in ("", *SHARED_TABLES) and name not in (*DAMPING_OF_CABLES, "link_lengths")
     return is_shared or table.partition(".")[0] in MAST_TABLES
 
 
@@ -125,6 +125,8 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
     """
     if table in ("wind", "wind.turbulence"):
         return _checked_wind(scene, varied)
+    if not table:  # numbers by themselves, checked with the parameters
+        return {}
     kind = kind_in(scene, table)
     keys = {
         name.removeprefix(f"{variable_name(table)}_"): None
@@ -156,7 +158,8 @@ def _cables_of(scene: xr.Dataset) -> list[str]:
     """Return the key paths of the cables of a scene."""
     if "mast_height" not in scene:
         return ["cable"]
-    names = [re.fullmatch(r"cables_(\w+)_youngs_modulus", str(name)) for name in scene.data_vars]
+    ways = "|".join(STIFFNESS_KEYS)
+    names = [re.fullmatch(rf"cables_(\w+)_({ways})", str(name)) for name in scene.data_vars]
     return [f"cables.{found[1]}" for found in names if found]
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.catenary._statics import solve_statics
+from cablepod.catenary._sag import least_sag
+from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
@@ -56,10 +57,12 @@ def _check_statics(p: Parameters) -> None:
     length, strain = float(rest[0]), float(rest[4:].max()) / p.stiffness
     # a run with a free end that starts from given points is never at this equilibrium
     if strain > MAX_STRAIN and (p.free_end is None or "points" not in p.initial):
+        if p.length_key == "sag":
+            _check_sag(p)
         raise SceneError(
-            f"cable.youngs_modulus: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
+            f"cable.{p.stiffness_key}: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
             f"{p.length_value:g} is strained by {strain:.3g}; allowed: a strain of at most {MAX_STRAIN:g} (moduli are in "
-            "Pa, areas in m2)"
+            "Pa, areas in m2, stiffnesses in N)"
         )
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
@@ -69,6 +72,15 @@ def _check_statics(p: Parameters) -> None:
     if p.free_end is None:
         _check_between_ends(p, length)
     _check_loads(p, length)
+
+
+def _check_sag(p: Parameters) -> None:
+    """Refuse a sag so small that the cable is strained above the maximum."""
+    tensioned = p.bare or p
+    least = least_sag(load_plane(tensioned)[:4], tensioned.stiffness, MAX_STRAIN)
+    if p.length_value < least:
+        allowed = f"at least {least:.6g} m, at which the cable is strained by {MAX_STRAIN:g}"
+        raise scene_error("cable.sag", p.length_value, allowed)
 
 
 def _check_between_ends(p: Parameters, length: float) -> None:
@@ -105,7 +117,7 @@ def _check_loads(p: Parameters, length: float) -> None:
     of these loads, and all of them if the other point is a free end.
     """
     time = p.sampling_times()
-    forces = {"cable.youngs_modulus": np.tile(p.weight * length, (time.size, 1))}
+    forces = {f"cable.{p.stiffness_key}": np.tile(p.weight * length, (time.size, 1))}
     if p.load is not None:
         forces["load.uniform"] = _force_at(time, p.load * length, p.load_factor)
     distributed = sum(forces.values())
@@ -129,7 +141,7 @@ def _check_loads(p: Parameters, length: float) -> None:
         raise SceneError(
             f"{key}: given loads of {_largest(forces[key]):.4g} N in all at their largest; allowed: loads that strain the cable, "
             f"of an axial stiffness of {p.stiffness:g} N, by at most {MAX_STRAIN:g} at rest (it is {tension / p.stiffness:.3g} "
-            "or more; moduli are in Pa, areas in m2)"
+            "or more; moduli are in Pa, areas in m2, stiffnesses in N)"
         )
 
 

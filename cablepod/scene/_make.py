@@ -161,7 +161,14 @@ def _of_tables(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
 
 
 def _without_places(tree: dict[str, Any]) -> dict[str, Any]:
-    """Return a checked scene without the place of its record of wind, which its content hash identifies."""
+    """Return a checked scene without the places of files whose content identifies it: records of wind, tables of strands."""
+    tables = {"cable": tree["cable"]} if "cable" in tree else tree["cables"]
+    if any("strand_table" in cable for cable in tables.values()):
+        of = {
+            name: {key: value for key, value in cable.items() if key != "strand_table"}
+            for name, cable in tables.items()
+        }
+        tree = {**tree, **(of if "cable" in tree else {"cables": of})}
     turbulence = tree.get("wind", {}).get("turbulence", {})
     if "record" not in turbulence:
         return tree
@@ -201,7 +208,7 @@ Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]
 
 def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
     """Make the variables of a checked scene."""
-    variables = {"gravity": _variable("gravity", tree["gravity"], TOP["gravity"])}
+    variables = _top_variables(tree)
     for table, keys in TABLES.items():
         values = tree.get("wind", {}).get("turbulence", {}) if table == "wind.turbulence" else tree.get(table, {})
         variables |= _table_variables(table, values, {name: keys[name] for name in values if name in keys})
@@ -222,7 +229,7 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
 
 def _mast_to_dataset(tree: dict[str, Any]) -> xr.Dataset:
     """Make the variables of a checked scene with a mast."""
-    variables = {"gravity": _variable("gravity", tree["gravity"], TOP["gravity"])}
+    variables = _top_variables(tree)
 
     def add(path: str, values: Mapping[str, Any], keys: Mapping[str, Key]) -> None:
         variables.update(_table_variables(path, values, {name: keys[name] for name in keys if name in values}))
@@ -243,6 +250,11 @@ def _mast_to_dataset(tree: dict[str, Any]) -> xr.Dataset:
     scene = xr.Dataset(variables, coords=shared_coordinates({"coordinate": list(COORDINATES)}))
     label(scene[["coordinate"]])
     return scene
+
+
+def _top_variables(tree: Mapping[str, Any]) -> Variables:
+    """Make the variables of the numbers that stand in no table."""
+    return {name: _variable(name, tree[name], key) for name, key in TOP.items() if name in tree and key.is_number}
 
 
 def _table_variables(path: str, table: Mapping[str, Any], keys: Mapping[str, Key]) -> Variables:

@@ -36,7 +36,7 @@ MAST_SCENE = Kind(
     stages=("scene", "scenes"),
     further=("member",),
     is_scene=True,
-    instead=("cable_area", "cable: given a scene of one cable; allowed: one with [mast], [[guy]]; try: chain.simulate"),
+    instead=("ends_lower", "cable: given a scene of one cable; allowed: one with [mast], [[guy]]; try: chain.simulate"),
 )
 #: Tables that only scenes with a mast have.
 MAST_TABLES = ("mast", "cables", "guy")
@@ -86,7 +86,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         raise scene_error("chain.link_lengths", tree["chain"]["link_lengths"], "chain.links, equal links")
     check_chain(tree)
     check_time(tree)
-    tree["cables"] = _check_cables(mapping.get("cables", {}), tree)
+    tree["cables"] = _check_cables(mapping.get("cables", {}), tree, folder)
     tree["guy"] = _check_guys(mapping.get("guy", []), tree)
     _check_air(mapping, tree, folder)
     if "ensemble" in mapping:
@@ -140,7 +140,7 @@ def _check_level(key: str, level: float, height: float) -> None:
         raise scene_error(key, level, f"a height of at most mast.height, {height:g} m")
 
 
-def _check_cables(tables: Any, tree: Mapping[str, Any]) -> dict[str, Any]:
+def _check_cables(tables: Any, tree: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check the tables [cables.NAME]."""
     if not isinstance(tables, Mapping):
         raise scene_error("cables", tables, "tables [cables.NAME]")
@@ -153,11 +153,8 @@ def _check_cables(tables: Any, tree: Mapping[str, Any]) -> dict[str, Any]:
             for key in table:
                 if key in GUY_LENGTH_KEYS:
                     raise SceneError(f"{prefix}.{key}: given beside [[guy]]; allowed: none; try: guy.1.{key}")
-        own = check_table(prefix, with_strand(table) if isinstance(table, Mapping) else table, GUY_CABLE)
-        try:
-            check_cable({"cable": {**own, "unstretched_length": 1.0}, "gravity": tree["gravity"]})
-        except SceneError as error:
-            raise SceneError(str(error).replace("cable.", f"{prefix}.", 1)) from None
+        own = check_table(prefix, with_strand(table, folder, prefix), GUY_CABLE)
+        check_cable({"cable": own, "gravity": tree["gravity"]}, prefix, ())
         checked[name] = own
     return checked
 
@@ -243,11 +240,11 @@ def check_mast_numbers(p: MastParameters) -> None:
                              "allowed: one that is finite during the run")  # fmt: skip
     for guy in p.guys:
         bare = guy.p if guy.p.bare is None else guy.p.bare
-        rest = solve_statics(bare, guy.p.length_key, guy.p.length_value, prefix=guy.key)
+        rest = solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)
         strain = float(rest[4:].max()) / guy.p.stiffness
         if strain > MAX_STRAIN:
             raise scene_error(
-                f"{guy.key}.{guy.p.length_key}",
-                guy.p.length_value,
+                f"{guy.key}.{bare.length_key}",
+                bare.length_value,
                 f"a strain of at most {MAX_STRAIN:g} at rest (it is {strain:.3g})",
             )

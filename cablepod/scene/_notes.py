@@ -21,7 +21,7 @@ from cablepod.catenary._statics import solve_statics
 from cablepod.errors import SceneError, UnusualSceneWarning, user_stacklevel
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path
-from cablepod.parameters._keys import WEIGHT_KEYS
+from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
@@ -32,6 +32,8 @@ KEPT_WARNINGS = 64
 DENSITY = (500.0, 25000.0)
 #: Usual moduli [Pa]: soft rubber 1e7, nylon rope 1e9, steel 2e11, diamond 1.2e12.
 MODULUS = (1e7, 2e12)
+#: Usual axial stiffness over mass per length [m2/s2], of a cable without an area: soft rubber 1e4, diamond 3.4e8.
+STIFFNESS_OVER_MASS = (1e4, 1e9)
 #: Usual ratios of the chord to the diameter of a round cross-section: below, a bar; above, thinner than a fishing line.
 SLENDERNESS = (200.0, 1e5)
 #: Maximum usual area [m2], the main cable of a suspension bridge.
@@ -52,6 +54,8 @@ UNITS: dict[str, dict[float, str]] = {
     "area": {1e-6: "mm2", 1e-4: "cm2", 1e-3: "", 1e3: "", 1e6: ""},
     "specific_weight": {1e3: "kN/m3", 1e6: "MN/m3", 1e-3: "", 1e-6: ""},
     "density": {1e3: "t/m3", 1e6: "", 1e-3: "", 1e-6: ""},
+    "axial_stiffness": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
+    "mass_per_length": {1e-3: "g/m", 1e3: "t/m", 1e-6: "", 1e6: ""},
     "force": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
     "gravity": {1e-3: "mm/s2", 1e-6: ""},
     "load": {1e-3: "", 1e-6: ""},
@@ -72,6 +76,7 @@ class StaticNumbers:
     """Numbers of a scene at rest in still air that notes and summaries are about."""
 
     chord: float  #: distance of the ends [m]
+    area: float  #: of the cross-section [m2]; nan where it is not given, and in what follows from it
     diameter: float  #: of a round cross-section of the same area [m]
     modulus: float  #: [Pa]
     density: float  #: [kg/m3]
@@ -105,11 +110,13 @@ def static_numbers(p: Parameters) -> StaticNumbers:
     for point in p.point_loads:
         load += math.hypot(*point.force) * _largest(point.factor, end_time)
     motion, key = _largest_motion(p)
+    area = math.nan if p.area is None else p.area
     return StaticNumbers(
         chord=math.dist(*p.initial_ends),
-        diameter=math.sqrt(4.0 / math.pi * p.area),
-        modulus=p.stiffness / p.area,
-        density=p.mass / p.area,
+        area=area,
+        diameter=math.sqrt(4.0 / math.pi * area),
+        modulus=p.stiffness / area,
+        density=p.mass / area,
         statics=statics,
         load=load,
         motion=motion,
@@ -164,13 +171,16 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     if gravity > 0.0:
         yield from _outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
     yield from _outside(f"cable.{p.weight_key}", "a density", numbers.density, DENSITY, "kg/m3")
-    yield from _outside("cable.youngs_modulus", "a Young's modulus", numbers.modulus, MODULUS, "Pa")
-    yield from _outside("cable.area", "an area", p.area, (0.0, LARGEST_AREA), "m2")
+    yield from _outside(f"cable.{p.stiffness_key}", "a Young's modulus", numbers.modulus, MODULUS, "Pa")
+    if p.area is None:
+        what = "an axial stiffness over the mass per length"
+        yield from _outside("cable.axial_stiffness", what, p.stiffness / p.mass, STIFFNESS_OVER_MASS, "m2/s2")
+    yield from _outside("cable.area", "an area", numbers.area, (0.0, LARGEST_AREA), "m2")
     slenderness = numbers.chord / numbers.diameter
     what = f"a diameter of {numbers.diameter:.3g} m on a chord of {numbers.chord:.3g} m, with a ratio"
     yield from _outside("cable.area", what, slenderness, SLENDERNESS, "")
     if p.breaking_strength is not None:
-        what, stress = "a breaking strength over the area", p.breaking_strength / p.area
+        what, stress = "a breaking strength over the area", p.breaking_strength / numbers.area
         yield from _outside("cable.breaking_strength", what, stress, BREAKING_STRESS, "Pa")
 
 
@@ -179,7 +189,7 @@ def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None)
         return  # never at this equilibrium
     air = "" if p.wind is None else " in still air" if tension is None else " in the mean wind"
     tension = numbers.tension if tension is None else tension
-    key, stress = f"cable.{p.length_key}", tension / p.area
+    key, stress = f"cable.{p.length_key}", tension / numbers.area
     yield from _outside(key, f"a stress at rest{air}", stress, (0.0, LARGEST_STRESS), "Pa")
     yield from _outside(key, f"a strain at rest{air}", tension / p.stiffness, (0.0, LARGEST_STRAIN), "")
     what = "an unstretched length over the chord"
@@ -220,14 +230,14 @@ def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit
 
 def likely_keys(p: Parameters) -> list[tuple[str, str]]:
     """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units."""
-    keys = ["area", "youngs_modulus", p.weight_key, p.length_key, "ends"]
-    keys += ["gravity"] if p.weight_key == "density" else []
+    keys = [*(["area"] if p.area is not None else []), p.stiffness_key, p.weight_key, p.length_key, "ends"]
+    keys += ["gravity"] if p.weight_key != "specific_weight" else []
     keys += ["motion"] if p.motions else []
     keys += ["load"] if p.load is not None else []
     keys += ["breaking_strength"] if p.breaking_strength is not None else []
     found = []
     for key in keys:
-        of_length = key in ("ends", "motion", "unstretched_length")
+        of_length = key in ("ends", "motion", "unstretched_length", "sag")
         for factor, unit in UNITS.get(key, UNITS["length" if of_length else "force"]).items():
             if _is_usual(scaled := _scaled(p, key, factor)):
                 found.append((abs(math.log10(factor)), *_change(scaled, key, factor, unit)))
@@ -239,7 +249,8 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
     """Return the parameters with one key, both ends or all motions times a factor."""
     changes: dict[str, Any]
     if key == "area":
-        names = ("area", "stiffness", "mass", "weight")
+        names = ["area", *(["stiffness"] if p.stiffness_key == "youngs_modulus" else [])]
+        names += ["mass", "weight"] if p.weight_key != "mass_per_length" else []
         changes = {name: getattr(p, name) * factor for name in names}
     elif key in WEIGHT_KEYS:
         changes = {"mass": p.mass * factor, "weight": p.weight * factor}
@@ -248,9 +259,11 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
     elif key == "motion":
         changes = {"motions": {name: _scaled_function(motion, factor) for name, motion in p.motions.items()}}
     else:
-        name = {"youngs_modulus": "stiffness", "gravity": "weight"}.get(key, key)
+        name = {**dict.fromkeys(STIFFNESS_KEYS, "stiffness"), "gravity": "weight"}.get(key, key)
         name = name if name in ("stiffness", "weight", "load", "breaking_strength") else "length_value"
         changes = {name: getattr(p, name) * factor}
+    if p.bare is not None:
+        changes["bare"] = _scaled(p.bare, key, factor)
     return replace(p, **changes)
 
 
@@ -273,11 +286,14 @@ def _is_usual(p: Parameters) -> bool:
 def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str, str]:
     """Return key path and text of the change of a key."""
     given = f"given in {unit}?" if unit else f"{factor:g} times what was given"
+    area = math.nan if scaled.area is None else scaled.area
     values = {
-        "area": scaled.area,
-        "youngs_modulus": scaled.stiffness / scaled.area,
-        "density": scaled.mass / scaled.area,
-        "specific_weight": math.hypot(*scaled.weight) / scaled.area,
+        "area": area,
+        "youngs_modulus": scaled.stiffness / area,
+        "axial_stiffness": scaled.stiffness,
+        "density": scaled.mass / area,
+        "mass_per_length": scaled.mass,
+        "specific_weight": math.hypot(*scaled.weight) / area,
         "breaking_strength": scaled.breaking_strength,
         "gravity": math.hypot(*scaled.weight) / scaled.mass,
     }

@@ -274,10 +274,10 @@ def key_of_range(
         Return the kind of the time function at a path, and whether the scene has the table there.
     """
     *tables, name = path.split(".") if isinstance(path, str) else [""]
-    if not tables or (tables[0] in LISTED_TABLES and not has_table(".".join(tables))):
+    if tables and tables[0] in LISTED_TABLES and not has_table(".".join(tables)):
         return None
     of = key_at([*tables, name], kind_of)
-    if of is None or (of.check is text and name not in RECORDS):
+    if of is None or of.is_truth or (of.check is text and name not in RECORDS):
         return None
     return None if of.check is point and not are_choices(values) else of
 

@@ -249,8 +249,12 @@ def _kept_turbulence(content: _Content, end_time: float) -> np.ndarray:
     return turbulence_at(content.p, content.position, end_time)
 
 
-def turbulence_at(p: InWind, position: np.ndarray, end_time: float) -> np.ndarray:
-    """Return the velocity of the turbulence (samples, points, dims) [m/s], sampled from 0 to `end_time` or later."""
+def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.ndarray | None = None) -> np.ndarray:
+    """Return the velocity of the turbulence (samples, points, dims) [m/s], sampled from 0 to `end_time` or later.
+
+    Phases go to the points in their order, or in that of the numbers `order` (points,).  With wind.turbulence.exact_mean the mean
+    of the samples from 0 to `end_time` is 0 at every point.
+    """
     from scipy.fft import next_fast_len
 
     assert p.wind is not None
@@ -259,12 +263,19 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float) -> np.ndarra
     total, seed = np.zeros((count, *position.shape)), int(p.turbulence["seed"])
     if not float(p.wind["speed"]):
         return total
-    across = across_of(p.wind)
-    for vector, is_across in ((direction_of(p.wind), False), (across, True)):
+    back = None if order is None else np.argsort(order)
+    parts = []
+    for vector, is_across in ((direction_of(p.wind), False), (across_of(p.wind), True)):
         if vector is not None:
-            part = gusts(p.wind, p.turbulence, position, count, INTERVAL, seed, across=is_across)
-            for c in np.flatnonzero(vector):
-                total[:, :, c] += vector[c] * part.T
+            placed = position if order is None else position[order]
+            part = gusts(p.wind, p.turbulence, placed, count, INTERVAL, seed, across=is_across)
+            parts.append((vector, part if back is None else part[back]))
+    for c in range(position.shape[1]):
+        sums = [vector[c] * part for vector, part in parts if vector[c]]
+        if sums:
+            total[:, :, c] = sum(sums[1:], sums[0]).T
+    if p.turbulence.get("exact_mean", False):
+        total -= total[: instants_until(end_time)].mean(axis=0)
     return total
 
 

@@ -29,6 +29,7 @@ from cablepod.wind._air import (
     smooth_step,
     turbulence_at,
 )
+from cablepod.wind._turbulence import direction_of
 
 #: Number of fields that are kept, as masts of one place share them.
 KEPT_FIELDS = 6
@@ -63,7 +64,8 @@ class MastAir:
 
     def drag_rate(self, p: MastParameters) -> float:
         """Return a bound of the rate at which drag takes away a motion of the guys along the wind [1/s]."""
-        speed = np.sqrt((self.of_guys(self.velocity) ** 2).sum(axis=-1)).max(axis=(0, -1))
+        own = self.of_guys(self.velocity)
+        speed = np.sqrt(np.einsum("sgpc,sgpc->sgp", own, own).max(axis=(0, -1)))
         rates = [2.0 * drag_of(guy.p, self.density) * u / guy.p.mass for guy, u in zip(p.guys, speed, strict=True)]
         return float(max(rates, default=0.0))
 
@@ -148,11 +150,29 @@ def _of_scene(content: _Content) -> MastAir:
     if p.turbulence is None and not ramp:
         velocity = np.repeat(mean[None], 2, axis=0)
     else:
-        count = instants_until(end_time)
-        velocity = np.tile(mean, (count, 1, 1))
+        velocity = np.zeros((instants_until(end_time), *mean.shape))
         if p.turbulence is not None and float(p.wind["speed"]):
-            velocity += turbulence_at(p, position, end_time)[:count]
+            velocity = turbulence_at(p, position, end_time, _order_in_wind(p))[: len(velocity)]
+        velocity += mean
     return _ramped(p, MastAir(position, velocity, 1.0 / INTERVAL, mean, mean, float(p.wind["air_density"]), True))
+
+
+def _order_in_wind(p: MastParameters) -> np.ndarray:
+    """Return the points of :func:`mast_points` in the order of their gusts: mast, then guys by level and angle to the wind.
+
+    A mast of equal guys in a wind turned from one guy to the next one has the turned gusts.  The angle is that from upwind to the
+    anchor, from +x to +z; guys of one level and angle are in their order.
+    """
+    assert p.wind is not None
+    x, _, z = direction_of(p.wind)
+    upwind = np.arctan2(-z, -x)
+    keys = []
+    for guy in p.guys:
+        angle = (np.arctan2(guy.p.lower[2], guy.p.lower[0]) - upwind) / (2.0 * np.pi)
+        keys.append((round(guy.level, 9), round(float(angle), 9) % 1.0))
+    order = sorted(range(len(keys)), key=lambda g: (*keys[g], g))
+    guys = MAST_POINTS + GUY_POINTS * np.array(order, dtype=int)[:, None] + np.arange(GUY_POINTS)
+    return np.concatenate([np.arange(MAST_POINTS), guys.ravel()])
 
 
 @lru_cache(2)

@@ -122,13 +122,7 @@ def _separations(
 
 def _coupled(phase: np.ndarray, frequency: np.ndarray, decay: np.ndarray) -> np.ndarray:
     """Return phases (points, frequencies) whose coherence is exp(-frequency decay)."""
-    points, count = phase.shape
-    knots = (
-        np.unique(np.geomspace(1, count, min(FACTORISED, count)).round().astype(int)) if count > 1 else np.array([1])
-    )
-    coherence = (1.0 - INCOHERENT) * np.exp(-frequency[knots - 1, None, None] * decay)
-    coherence[:, np.arange(points), np.arange(points)] = 1.0
-    factors = _factors(coherence)
+    knots, factors = _factors_at_knots(frequency.tobytes(), np.ascontiguousarray(decay).tobytes(), len(phase))
     result = np.empty_like(phase)
     result[:, :1] = factors[0] @ phase[:, :1]
     for k in range(knots.size - 1):
@@ -142,6 +136,22 @@ def _coupled(phase: np.ndarray, frequency: np.ndarray, decay: np.ndarray) -> np.
         square = (1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * product
         result[:, first:last] = part / np.sqrt(square)
     return result
+
+
+@lru_cache(4)
+def _factors_at_knots(frequency: bytes, decay: bytes, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of the harmonics at which the coherence is factorised, from 1, and the factors (knots, points, points).
+
+    Kept, as both components of the turbulence have them, and storms that differ in their seeds.
+    """
+    harmonics, decays = np.frombuffer(frequency), np.frombuffer(decay).reshape(points, points)
+    count = harmonics.size
+    knots = (
+        np.unique(np.geomspace(1, count, min(FACTORISED, count)).round().astype(int)) if count > 1 else np.array([1])
+    )
+    coherence = (1.0 - INCOHERENT) * np.exp(-harmonics[knots - 1, None, None] * decays)
+    coherence[:, np.arange(points), np.arange(points)] = 1.0
+    return knots, _factors(coherence)
 
 
 def _factors(coherence: np.ndarray) -> np.ndarray:

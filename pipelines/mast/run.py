@@ -98,7 +98,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset, start: float) -> list[float]:
 
 
 def iced(scene: xr.Dataset, thickness: float) -> xr.Dataset:
-    """Return a scene with ice of a thickness [m] on the guys."""
+    """Return a scene with ice of a thickness [m] on guys and mast."""
     return cp.ensemble.design(scene, {"ice.thickness": [thickness]}, members=1, sampling="list").isel(
         member=0, drop=True
     )
@@ -134,7 +134,7 @@ def main() -> None:
     parser = command_line(__doc__, readme=True, quick="60 s of one wind")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3], help="seeds of the winds")
     parser.add_argument("--direction", type=float, default=0.0, help="degrees by which the wind is turned")
-    parser.add_argument("--ice", type=float, default=0.0, help="radial thickness of ice on the guys [m]")
+    parser.add_argument("--ice", type=float, default=0.0, help="radial thickness of ice on guys and mast [m]")
     parser.add_argument("--scene", default="mast120", help="a shipped scene, or a file")
     options = parser.parse_args()
     base = cp.read_scene(examples.scene_path(options.scene))

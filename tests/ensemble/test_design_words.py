@@ -218,7 +218,7 @@ def test_vectors_given_as_lists_have_their_components_as_coordinates():
 
 
 def test_keys_that_a_mast_lacks_are_made_or_refused():
-    mast = small()
+    mast = small(lambda mapping: mapping["mast"].update(diameter=0.1))
     iced = cp.ensemble.design(mast, {"ice.thickness": [0.0, 0.01]}, members=2)
     assert iced["ice_thickness"].dims == ("member",)
     with pytest.raises(cp.SceneError, match=r"^ranges\.damping\.tension_proportional: given .*; allowed: no such key"):

@@ -32,7 +32,8 @@ LAYERS = (
     ("chain", "compare", "extremes", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
     ("galerkin", "mast", "periodic"),
-    ("ensemble", "paper", "study"),
+    ("ensemble", "paper"),
+    ("study",),
     ("cli",),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -56,7 +56,7 @@ def test_a_scene_without_members_is_a_list_of_one(soft):
     equal(only, parameters(scene))
 
 
-@pytest.mark.parametrize("lacking", ["gravity", "cable_area", "ends_upper"])
+@pytest.mark.parametrize("lacking", ["gravity", "ends_lower"])
 def test_a_dataset_that_is_no_scene(soft, lacking):
     scene = cp.make_scene(soft).drop_vars(lacking)
     with pytest.raises(
@@ -65,6 +65,22 @@ def test_a_dataset_that_is_no_scene(soft, lacking):
         cp.chain.rest(scene)
     with pytest.raises(cp.SceneError, match=r"scene: given a dict; allowed: what make_scene gives"):
         cp.chain.rest({"gravity": 9.81})
+
+
+@pytest.mark.parametrize(
+    ("lacking", "message"),
+    [
+        (
+            "cable_area",
+            r"cable\.area: missing; allowed: area .*, or cable\.axial_stiffness in place of youngs_modulus and",
+        ),
+        ("cable_youngs_modulus", r"cable\.youngs_modulus: missing; allowed: Young's modulus \[Pa\], or cable\.axial_"),
+        ("ends_upper", r"ends\.upper: missing; allowed: position of the upper end at rest \[m\], or ends\.chord \[m\]"),
+    ],
+)
+def test_a_scene_that_lost_a_key(soft, lacking, message):
+    with pytest.raises(cp.SceneError, match=message):
+        cp.chain.rest(cp.make_scene(soft).drop_vars(lacking))
 
 
 def test_a_scene_that_lost_its_length_or_weight(soft):

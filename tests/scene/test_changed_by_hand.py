@@ -16,7 +16,7 @@ CHANGES = [
     ("gravity", -9.81, r"gravity: given -9.81; allowed: a finite number of at least 0"),
     ("gravity", np.nan, r"gravity: missing; allowed: a number, as make_scene gives it"),
     ("cable_area", -1e-4, r"cable.area: given -0.0001; allowed: a finite number above 0"),
-    ("cable_area", np.nan, r"cable.area: missing; allowed: a number"),
+    ("cable_area", np.nan, r"cable.area: missing; allowed: area of the unstrained cross-section"),
     ("cable_area", 0.0, r"cable.area: given 0.0; allowed: a finite number above 0"),
     ("cable_area", 1e-40, r"cable.area: given 1e-40; allowed: a finite number above 0, of a size from 1e-30"),
     ("cable_youngs_modulus", np.inf, "scene: cable_youngs_modulus: given 'values that are not finite'"),

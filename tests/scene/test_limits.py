@@ -111,7 +111,10 @@ def test_cables_without_a_rest(soft):
     )
     no_mass = {**soft, "gravity": 0.0, "cable": {**soft["cable"], "specific_weight": 9810.0}}
     del no_mass["cable"]["density"]
-    refused(no_mass, r"^cable\.specific_weight: given 9810\.0; allowed: cable\.density instead, as without gravity")
+    refused(
+        no_mass,
+        r"^cable\.specific_weight: given 9810\.0; allowed: cable\.density or cable\.mass_per_length instead, as without gravity",
+    )
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,12 @@ def nested(depth: int) -> Any:
 MISTAKES = [
     # unknown and missing keys and tables
     ("cables", {}, r"^cables: unknown key or table; allowed: title, gravity, cable, ends, .*ensemble; try: cable$"),
-    ("cable.aera", 1.0, r"^cable\.aera: unknown key; allowed: youngs_modulus, area, specific_weight, .*"),
-    ("ends.left", [0, 0], r"^ends\.left: unknown key; allowed: lower, upper, free$"),
+    (
+        "cable.aera",
+        1.0,
+        r"^cable\.aera: unknown key; allowed: youngs_modulus, axial_stiffness, area, specific_weight, .*",
+    ),
+    ("ends.left", [0, 0], r"^ends\.left: unknown key; allowed: lower, upper, chord, inclination, free$"),
     ("time.step", 1.0, r"^time\.step: unknown key; allowed: duration, interval$"),
     ("chain.elements", 5, r"^chain\.elements: unknown key; allowed: links, link_lengths$"),
     (
@@ -43,10 +47,23 @@ MISTAKES = [
     ("load", {"uniform": [0, 0], "up": 1}, r"^load\.up: unknown key; allowed: uniform, kind \(of a time factor\)$"),
     ("load", {"uniform": [0, 0], "phase": 1}, r"^load\.kind: missing; allowed: one of one_minus_cosine, .*file$"),
     ("cable", None, r"^cable: missing; allowed: a table with the keys youngs_modulus, "),
-    ("ends", None, r"^ends: missing; allowed: a table with the keys lower, upper, free$"),
-    ("cable.area", None, r"^cable\.area: missing; allowed: area of the unstrained cross-section \[m2\]$"),
-    ("cable.youngs_modulus", None, r"^cable\.youngs_modulus: missing; allowed: Young's modulus \[Pa\]$"),
-    ("ends.upper", None, r"^ends\.upper: missing; allowed: position of the upper end at rest \[m\]$"),
+    ("ends", None, r"^ends: missing; allowed: a table with the keys lower, upper, chord, inclination, free$"),
+    (
+        "cable.area",
+        None,
+        r"^cable\.area: missing; allowed: area of the unstrained cross-section \[m2\], or cable\.axial_stiffness in place of "
+        r"youngs_modulus and cable\.mass_per_length in place of density$",
+    ),
+    (
+        "cable.youngs_modulus",
+        None,
+        r"^cable\.youngs_modulus: missing; allowed: Young's modulus \[Pa\], or cable\.axial_",
+    ),
+    (
+        "ends.upper",
+        None,
+        r"^ends\.upper: missing; allowed: position of the upper end at rest \[m\], or ends\.chord \[m\] with ends\.inclination",
+    ),
     ("time.interval", None, r"^time\.interval: missing; allowed: time between snapshots \[s\]$"),
     ("chain.links", None, r"^chain\.links: missing; allowed: a whole number of at least 2, or chain\.link_lengths$"),
     ("motion.upper.x.kind", None, r"^motion\.upper\.x\.kind: missing; allowed: one of one_minus_cosine, "),
@@ -57,11 +74,11 @@ MISTAKES = [
         "cable.unstretched_length",
         9.0,
         r"^cable: given top_tension = 200\.0 and unstretched_length = 9\.0; allowed: exactly one of top_tension, "
-        r"bottom_tension, horizontal_force, unstretched_length$",
+        r"bottom_tension, horizontal_force, unstretched_length, sag$",
     ),
     ("cable.top_tension", None, r"^cable: given none; allowed: exactly one of top_tension, "),
     ("cable.specific_weight", 9.0, r"^cable: given specific_weight = 9\.0 and density = 1000\.0; allowed: exactly one"),
-    ("cable.density", None, r"^cable: given none; allowed: exactly one of specific_weight, density$"),
+    ("cable.density", None, r"^cable: given none; allowed: exactly one of specific_weight, density, mass_per_length$"),
     # signs and sizes
     ("cable.youngs_modulus", -2e7, r"^cable\.youngs_modulus: given -20000000\.0; allowed: a finite number above 0$"),
     ("cable.youngs_modulus", 0, r"^cable\.youngs_modulus: given 0; allowed: a finite number above 0$"),
@@ -176,7 +193,7 @@ MISTAKES = [
     ),
     # the wrong kind of table
     ("cable", [1, 2], r"^cable: given \[1, 2\]; allowed: a table with the keys youngs_modulus, "),
-    ("ends", "here", r"^ends: given 'here'; allowed: a table with the keys lower, upper, free$"),
+    ("ends", "here", r"^ends: given 'here'; allowed: a table with the keys lower, upper, chord, inclination, free$"),
     ("motion", 5, r"^motion: given 5; allowed: tables motion\.lower\.x, motion\.upper\.y and so on$"),
     ("motion.upper", 5, r"^motion\.upper: given 5; allowed: tables motion\.upper\.x and so on$"),
     ("motion.upper.x", 5, r"^motion\.upper\.x: given 5; allowed: a table with the key kind$"),

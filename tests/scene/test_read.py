@@ -92,10 +92,22 @@ def test_every_number_has_units_and_every_variable_a_long_name(scene_folder):
     assert scene["load_value"].attrs["units"] == "1"
 
 
-def test_every_key_of_the_schema_has_a_long_name_and_units_unless_a_text():
+def test_every_key_of_the_schema_has_a_long_name_and_units_unless_a_text_or_truth():
     tables = [scene_keys.TOP, *scene_keys.TABLES.values(), scene_keys.POINT_LOAD, scene_keys.ENSEMBLE]
     tables += [keys for units in ("m", "1") for keys in scene_keys.time_function_keys(units).values()]
-    texts = {"title", "free", "sampling", "path", "strand", "profile", "spectrum", "record", "record_sha256"}
+    texts = {
+        "title",
+        "free",
+        "sampling",
+        "path",
+        "strand",
+        "strand_table",
+        "profile",
+        "spectrum",
+        "record",
+        "record_sha256",
+        "exact_mean",
+    }
     for keys in tables:
         for name, key in keys.items():
             assert key.long_name

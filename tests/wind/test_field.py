@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from mast_scenes import small
 from scipy.fft import next_fast_len
 from wind_scenes import GUY, KAIMAL, WIND
 
@@ -198,3 +201,55 @@ def test_scenes_of_equal_wind_share_the_turbulence_and_others_do_not():
         direct = cp.wind.field(other).wind.values  # with nothing kept but phases
         assert np.abs(velocity(other) - direct).max() < 1e-12
     assert _air._kept_turbulence.cache_info().misses == 4  # that of the first and of each other scene
+
+
+def exact(mapping):
+    """A scene with turbulence whose mean is exact."""
+    return {**mapping, "wind": {**KAIMAL, "turbulence": {**KAIMAL["turbulence"], "exact_mean": True}}}
+
+
+def test_an_exact_mean_is_that_of_the_run_and_nothing_else_changes():
+    plain, field = (cp.wind.field(cp.make_scene(tables)) for tables in ({**GUY, "wind": KAIMAL}, exact(GUY)))
+    np.testing.assert_allclose(field.wind.mean("time"), field.mean_wind, rtol=0.0, atol=1e-12 * 25.0)
+    off = plain.wind.mean("time") - plain.mean_wind
+    assert float(abs(off).max()) > 0.02
+    np.testing.assert_allclose(
+        plain.wind - field.wind, off.broadcast_like(plain.wind).transpose(*plain.wind.dims), atol=1e-10
+    )
+
+
+def test_an_exact_mean_holds_for_masts_and_in_files(tmp_path):
+    scene = small(lambda mapping: mapping.update(wind={**exact(GUY)["wind"], "direction": [0.6, 0.0, 0.8]}))
+    field = cp.wind.field(scene)
+    np.testing.assert_allclose(field.wind.mean("time"), field.mean_wind, rtol=0.0, atol=1e-12 * 25.0)
+    cp.archive.write(scene, tmp_path / "scene.nc")
+    again = cp.archive.read(tmp_path / "scene.nc")
+    assert bool(again.wind_turbulence_exact_mean) is True
+    np.testing.assert_array_equal(cp.mast.simulate(again).guy_tension, cp.mast.simulate(scene).guy_tension)
+
+
+@pytest.mark.parametrize("value", [1, 0.0, "true", None, [True]])
+def test_an_exact_mean_is_true_or_false(value):
+    tables = exact(GUY)
+    tables["wind"]["turbulence"]["exact_mean"] = value
+    with pytest.raises(cp.SceneError, match=r"^wind\.turbulence\.exact_mean: given .*; allowed: true or false"):
+        cp.make_scene(tables)
+
+
+def test_the_mean_of_ten_minutes_is_as_far_off_as_the_page_says():
+    # standard deviations over seeds of the mean over the mean wind: a scene of 600 s, 600 s of a scene of 660 s, any ten minutes
+    positions = np.array([[0.0, 10.0, 0.0], [0.0, 120.0, 0.0]])
+    p = parameters(cp.make_scene({**GUY, "wind": KAIMAL}))
+    speed, means = _air.mean_velocity(p, positions)[:, 0], {"whole": [], "part": [], "hour": []}
+    for seed in range(200):
+        own = replace(p, turbulence={**p.turbulence, "seed": seed})
+        means["whole"].append(_air.turbulence_at(own, positions, 600.0)[:6001, :, 0].mean(axis=0))
+        means["part"].append(_air.turbulence_at(own, positions, 660.0)[600:6601, :, 0].mean(axis=0))
+        if seed < 40:
+            hour = _air.turbulence_at(own, positions, 3600.0)[:36000, :, 0]
+            means["hour"] += list(hour.reshape(6, 6000, 2).mean(axis=1))
+    spread = {name: np.std(values, axis=0) / speed for name, values in means.items()}
+    # over 200 seeds a standard deviation is known to 5 %
+    np.testing.assert_allclose(spread["whole"], [0.0009, 0.0008], rtol=0.2)
+    np.testing.assert_allclose(spread["part"], [0.0052, 0.0072], rtol=0.2)
+    np.testing.assert_allclose(spread["hour"], [0.016, 0.029], rtol=0.2)

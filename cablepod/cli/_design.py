@@ -1,0 +1,282 @@
+"""Run ``cablepod design`` and format what it prints."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import xarray as xr
+
+from cablepod.cli import _arguments, _group
+from cablepod.cli._group import say
+from cablepod.cli._mast import place
+from cablepod.cli._progress import member_bar
+from cablepod.conventions import direction
+from cablepod.errors import SceneError, scene_error
+from cablepod.examples import scene_path
+from cablepod.scene._read import read_scene
+from cablepod.study import design
+from cablepod.study._design_tables import (
+    Row,
+    case_rows,
+    foot_rows,
+    guy_rows,
+    height_rows,
+    level_rows,
+)
+
+#: Default speeds over that of the scene.
+SPEEDS = (0.6, 0.7, 0.8, 0.9, 1.0)
+#: Ending of the default folder.
+ENDING = "_design"
+
+#: Options of the command, but the scene.
+OPTIONS = (
+    click.option(
+        "--out",
+        metavar="DIR",
+        shell_complete=_arguments.complete_folder,
+        help="folder for storms, netCDF file and tables; made if missing (default: out/NAME_design of the scene)",
+    ),
+    click.option(
+        "--directions",
+        default="8",
+        metavar="COUNT|DEG,DEG",
+        help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg] (default 8)",
+    ),
+    click.option(
+        "--speeds",
+        metavar="U,U",
+        help="mean wind speeds at the reference height [m/s] (default: 0.6, 0.7, 0.8, 0.9 and 1 times that of the scene)",
+    ),
+    click.option(
+        "--storms",
+        type=int,
+        default=10,
+        metavar="N",
+        help="storms for each direction and speed, as long as the scene (default 10)",
+    ),
+    click.option(
+        "--shares",
+        metavar="P,P",
+        help="shares of the time in which the wind has each speed, in all directions alike: for the damage",
+    ),
+    click.option("--slope", type=float, metavar="M", help="exponent of the S-N curve, with --shares"),
+    click.option(
+        "--reference-range",
+        type=float,
+        metavar="MPA",
+        help="range of stress at two million cycles [MPa], with --shares",
+    ),
+    click.option("--level", type=float, default=0.9, metavar="P", help="level of the intervals of peaks (default 0.9)"),
+    click.option(
+        "--window",
+        type=float,
+        nargs=2,
+        metavar="START END",
+        help="part of each storm that counts [s] (default: all of it)",
+    ),
+    click.option("--overwrite", is_flag=True, help="replace another study in DIR"),
+)
+
+
+def options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options to the function of the command."""
+    for option in reversed(OPTIONS):
+        command = option(command)
+    return command
+
+
+def run(
+    *, scene: str, out: str | None, directions: str, speeds: str | None, shares: str | None, reference_range: float | None,
+    **options: Any,
+) -> None:  # fmt: skip
+    """Run the study of a scene file with the options of the command, and print its tables."""
+    path = scene_path(scene)
+    folder = Path("out", Path(path).stem + ENDING) if out is None else _arguments.folder(out)
+    angles = _angles(directions)
+    dataset = read_scene(path)
+    if "ensemble_json" in dataset.attrs:
+        _group.note("the [ensemble] table is left aside; this command varies direction, speed and seed of the wind")
+    chosen = None if speeds is None else _listed("--speeds", speeds)
+    if chosen is None and "wind_speed" in dataset:
+        chosen = [factor * float(dataset["wind_speed"]) for factor in SPEEDS]
+    window = options.pop("window", None)
+    members = len(angles) * len(chosen or [0]) * options["storms"]
+    with member_bar("mast" if "mast_height" in dataset else "condensed", members) as progress:
+        result = design(
+            dataset,
+            directions=angles,
+            speeds=chosen or [],
+            out=folder,
+            shares=None if shares is None else _listed("--shares", shares),
+            reference_range=None if reference_range is None else 1e6 * reference_range,
+            window=window or None,
+            progress=progress,
+            **options,
+        )
+    say(text(result))
+    say(f"\n{folder}: {', '.join(sorted(path.name for path in folder.iterdir() if not path.name.startswith('.')))}")
+
+
+def _angles(given: str) -> list[float]:
+    """Return the directions of ``--directions`` [rad]."""
+    if "," not in given:
+        try:
+            count = int(given)
+        except ValueError:
+            count = 0
+        if not 1 <= count <= 360:
+            raise scene_error(
+                "--directions", given, "a number of directions, 1 to 360, or angles [deg] with commas between"
+            )
+        return [2.0 * math.pi * k / count for k in range(count)]
+    return [math.radians(angle) for angle in _listed("--directions", given)]
+
+
+def _listed(key: str, given: str) -> list[float]:
+    """Return numbers with commas between."""
+    try:
+        return [float(part) for part in given.split(",") if part.strip()]
+    except ValueError:
+        raise SceneError(f"{key}: given {given!r}; allowed: numbers with commas between") from None
+
+
+def text(result: xr.Dataset) -> str:
+    """Return the tables of a design, in kN, kN m, m and degrees."""
+    level = f"{100.0 * result.attrs['level']:g} %"
+    counts = [result.sizes[name] for name in ("direction", "speed", "storm")]
+    lines = [
+        str(result.attrs["title"]), "",
+        f"{counts[0]} directions, {counts[1]} speeds, {counts[2]} storms of each; peaks are means of the storms' largest values, "
+        f"with their {level} interval;",
+        "of all directions and speeds the worst; angles from +x to +z: of the wind, into which it blows, of guys, to the anchor",
+    ]  # fmt: skip
+    lines += ["", "tension of the guys [kN]" if "guy" in result.dims else "tension at the ends [kN]", *_guys(result)]
+    if "displacement_peak" in result:
+        lines += ["", "displacement of the mast [m]", *_table(level_rows(result), (
+            ("level [m]", "level [m]", "g", 1.0), *_WIND, ("displacement [m]", "peak", ".4f", 1.0), *_bounds("displacement", "m"),
+        ))]  # fmt: skip
+        lines += ["", "envelopes of the mast", *_table(_by_spans(result), (
+            ("from [m]", "from [m]", "g", 1.0), ("to [m]", "to [m]", "g", 1.0),
+            ("bending moment [N m]", "moment [kN m]", ".4g", 1e-3), ("shear [N]", "shear [kN]", ".4g", 1e-3),
+            ("axial force [N]", "axial force [kN]", ".4g", 1e-3), ("least axial force [N]", "least [kN]", ".4g", 1e-3),
+        ))]  # fmt: skip
+        lines += ["", "force of the mast on its foundation [kN], moment [kN m]", *_table(foot_rows(result), (
+            ("force on the foundation", "", "s", 1.0), *_WIND, ("force [N]", "peak", ".4g", 1e-3), *_bounds("force", "N"),
+        ))]  # fmt: skip
+    lines += ["", "directions and speeds", *_cases(result), *_slack(result)]
+    return "\n".join(lines)
+
+
+#: Columns: heading of the row, printed heading, format, factor.
+Column = tuple[str, str, str, float]
+_WIND: tuple[Column, ...] = (("wind [deg]", "wind [deg]", "g", 1.0), ("speed [m/s]", "speed [m/s]", "g", 1.0))
+
+
+def _bounds(base: str, unit: str) -> tuple[Column, ...]:
+    """Return the columns of the interval and of the quantile."""
+    kind, factor = (".4f", 1.0) if unit == "m" else (".4g", 1e-3)
+    return tuple((f"{base} {what} [{unit}]", head, kind, factor) for what, head in (
+        ("low", "from"), ("high", "to"), ("quantile", "quantile"),
+    ))  # fmt: skip
+
+
+def _guys(result: xr.Dataset) -> list[str]:
+    """Return the table of guys, each named by its direction and anchor."""
+    rows = guy_rows(result)
+    for row in rows:
+        if "guy" in row:
+            anchor = np.array([row[f"anchor {axis} [m]"] for axis in "xyz"])
+            row |= {"towards": direction(anchor[0], anchor[2]), "anchor [m]": place(anchor)}
+    line = "guy" if "guy" in result.dims else "end"
+    return _table(rows, (
+        (line, line, "", 1.0), ("level [m]", "level [m]", "g", 1.0), ("towards", "towards", "s", 1.0),
+        ("anchor [m]", "anchor [m]", "s", 1.0), *_WIND, ("peak [N]", "peak", ".2f", 1e-3),
+        ("peak low [N]", "from", ".2f", 1e-3), ("peak high [N]", "to", ".2f", 1e-3),
+        ("peak quantile [N]", "quantile", ".2f", 1e-3),
+        ("utilisation [1]", "used [%]", ".1f", 100.0), ("force on the anchor [N]", "at anchor", ".2f", 1e-3),
+        ("horizontal [N]", "horizontal", ".2f", 1e-3), ("uplift [N]", "uplift", ".2f", 1e-3),
+        ("slack storms", "slack storms", "d", 1.0),
+        ("damage in a year [1]", "damage/year", ".3g", 1.0), ("life [years]", "life [years]", ".3g", 1.0),
+    ))  # fmt: skip
+
+
+def _by_spans(result: xr.Dataset) -> list[Row]:
+    """Return the envelopes between the levels of guys, the top and the foot, each the largest of its elements."""
+    rows, spans = height_rows(result), []
+    ends = [0.0, *(float(level) for level in result["level"].values)]
+    for bottom, top in itertools.pairwise(ends):
+        own = [row for row in rows if bottom <= row["from [m]"] < top]
+        span: Row = {"from [m]": bottom, "to [m]": top}
+        pick: Callable[[Sequence[float]], float]
+        for name in own[0]:
+            if name not in span:
+                pick = min if name.startswith("least") else max
+                span[name] = pick([row[name] for row in own])
+        spans.append(span)
+    return spans
+
+
+def _cases(result: xr.Dataset) -> list[str]:
+    """Return the table of directions and speeds, with the slack guys by name."""
+    rows = case_rows(result)
+    line = "guy" if "guy" in result.dims else "end"
+    return _table(rows, (
+        *_WIND, (line, line, "", 1.0), ("peak [N]", "peak [kN]", ".2f", 1e-3), ("displacement [m]", "displ. [m]", ".3f", 1.0),
+        ("bending moment [N m]", "moment [kN m]", ".4g", 1e-3), ("buckling factor", "buckling", ".3g", 1.0),
+        ("failed storms", "failed", "d", 1), ("slack", "slack guys (storms)" if line == "guy" else "slack (storms)", "s", 1.0),
+    ))  # fmt: skip
+
+
+def _slack(result: xr.Dataset) -> list[str]:
+    """Return the slack guys by name, with the number of their storms."""
+    if "guy" not in result.dims or "slack_storms" not in result:
+        return []
+    counts = result["slack_storms"].sum(("direction", "speed")).values.tolist()
+    storms = int(np.prod([result.sizes[name] for name in ("direction", "speed", "storm")]))
+    names = [
+        f"guy {result['guy'].values[g]} at {float(result['guy_level'][g]):g} m towards {_towards(result, g)} "
+        f"({count} of {storms} storms)"
+        for g, count in enumerate(counts)
+        if count
+    ]
+    return ["", "slack guys: " + ("; ".join(names) or "none")]
+
+
+def _towards(result: xr.Dataset, guy: int) -> str:
+    """Return the direction from the mast to the anchor of a guy."""
+    x, _, z = result["anchor"][guy].values
+    return direction(x, z)
+
+
+def _table(rows: Sequence[Row], columns: Sequence[Column]) -> list[str]:
+    """Return rows as aligned lines, with the columns that they have; numbers to the right, a last text to the left."""
+    used = [column for column in columns if any(column[0] in row for row in rows)]
+    used = [column for column in used if column[0] != "failed storms" or any(row[column[0]] for row in rows)]
+    cells = [[head for _, head, _, _ in used]]
+    for row in rows:
+        cells.append([_cell(row[key], form, factor) if key in row else "" for key, _, form, factor in used])
+    widths = [max(len(line[k]) for line in cells) for k in range(len(used))]
+    last = len(used) - 1
+    return [
+        ("  " + "  ".join(
+            cell if k == last and used[k][2] == "s" else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        )).rstrip()
+        for line in cells
+    ]  # fmt: skip
+
+
+def _cell(value: Any, form: str, factor: float) -> str:
+    """Return one value as text; numbers that are not there as a dash."""
+    if isinstance(value, str) or form in ("", "s"):
+        return str(value)
+    if form != "d" and not math.isfinite(value):
+        return "-" if math.isnan(value) else "inf"
+    return format(round(value) if form == "d" else factor * value + 0.0, form)

@@ -1,0 +1,124 @@
+"""Section forces and reactions of the mast by the equilibrium of its loads, with the static part of the modes left out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod.mast._model import ModalMast
+from cablepod.mast._request import MastTrajectory
+from cablepod.mast._statics import load_vectors, mean_drag, seen_by
+from cablepod.wind._air import _interpolated
+from cablepod.wind._mast_air import MastAir
+
+
+def section_forces(mast: ModalMast, run: MastTrajectory, *, shear: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    r"""Return bending moments (outputs, nodes, 2) [N m] and horizontal forces (outputs, elements, 2) [N] in x and z.
+
+    The displacement u of the modes kept lacks the static displacement by the forces that these modes do not contain,
+
+    .. math::
+
+        u_c = K^{-1} \big[(1 - M \Phi \Phi^T) R - (K \Phi - M \Phi \Omega^2) a\big], \qquad
+        R = F + K_g u - \sum_l (P_l - P_{l,0}) G_l (u_0 + u),
+
+    with loads, drag and forces of the guys F less those at rest, their static stiffness K_g about rest, stiffness K and mass M of
+    mast and guys, the pull P of the guys at each level and the geometric stiffness G of a pull of one.  The second term vanishes
+    for modes of K and M.  Section forces S are those of the elements,
+
+    .. math:: S (u_0 + u + u_c) + \sum_l (P_l - P_{l,0}) S_l (u_0 + u),
+
+    in equilibrium with loads, drag, guys, weight and inertia above.  Without `shear` the second array has no elements.
+
+    References
+    ----------
+    R. R. Craig and A. J. Kurdila, Fundamentals of Structural Dynamics (2006), section 11.4: mode acceleration method.
+    """
+    n, rest, request = run.completed, mast.rest, run.request
+    beam, modal, force = rest.beam, run.modal[:n], run.force[:n] - run.force[:1]
+    shape, inertia = mast.modes, mast.mass_with_guys @ mast.modes
+    nodes = beam.height.size
+    kept = slice(None) if shear else slice(nodes)
+    rows = rest.section_rows[kept].reshape(-1, beam.count)
+    # section forces (2 (nodes + elements), count) by static forces, and by what of them the modes do not contain
+    by_forces = np.linalg.solve(rest.stiffness, rows.T).T
+    by_others = by_forces - (by_forces @ inertia) @ shape.T
+    by_modes = rows @ shape - by_forces @ (rest.stiffness @ shape - inertia * mast.omega**2)
+    by_modes = by_modes + by_others @ seen_by(rest.rows, rest.guy_stiffness) @ shape
+    total = modal @ by_modes.T
+    total += force[:, :, [0, 2]].reshape(n, -1) @ (by_others @ rest.rows.reshape(-1, beam.count).T).T
+    factors = request.factors(rest.p.loads)
+    if factors is not None:
+        at_outputs = factors[:, :: request.every][:, :n]
+        total += (at_outputs - factors[:, :1]).T @ (by_others @ load_vectors(rest.p, beam).T).T
+    if run.drag.size:
+        drag = np.swapaxes(run.drag[:n, :, : nodes - 1] - run.drag[:1, :, : nodes - 1], 1, 2)  # the foot does not move
+        total += drag.reshape(n, -1) @ (by_others @ beam.all_rows[1:].reshape(-1, beam.count).T).T
+    for level, pull in _added_pulls(mast, run):
+        by_pull = beam.sections_of_pull(level)[kept].reshape(-1, beam.count) - by_others @ beam.of_pull(level)
+        total += pull[:, None] * (by_pull @ rest.unknowns + modal @ (by_pull @ shape).T)
+    result = rest.sections[kept] + total.reshape(n, -1, 2)
+    return result[:, :nodes], result[:, nodes:]
+
+
+def compression(mast: ModalMast, run: MastTrajectory) -> np.ndarray:
+    """Return the axial force at the lower ends of the elements, positive in compression (outputs, elements) [N]."""
+    bottom = mast.rest.beam.height[:-1]
+    total = np.repeat(mast.rest.compression[None], run.completed, axis=0)
+    for level, pull in _added_pulls(mast, run):
+        total += pull[:, None] * (bottom < level)
+    return total
+
+
+def _added_pulls(mast: ModalMast, run: MastTrajectory) -> list[tuple[float, np.ndarray]]:
+    """Return the levels of guys [m] and the downward pull on each, less that at rest (outputs,) [N]."""
+    force = run.force[: run.completed, :, 1] - run.force[:1, :, 1]
+    return [
+        (float(mast.heights[level]), -force[:, mast.level_of_guy == level].sum(axis=1))
+        for level in np.unique(mast.level_of_guy).tolist()
+    ]
+
+
+def foot_force(
+    mast: ModalMast, run: MastTrajectory, air: MastAir | None, shear: np.ndarray, axial: np.ndarray
+) -> np.ndarray:
+    """Return the force of the mast on its foundation (outputs, 3) [N], from the section forces of the lowest element.
+
+    The drag on the lower half of this element acts on the foundation directly.
+    """
+    rest, n = mast.rest, run.completed
+    result = np.empty((n, 3))
+    result[:, [0, 2]] = shear[:, 0]
+    result[:, 1] = -axial[:, 0]
+    if air is None:
+        return result
+    if len(air.velocity) == 2:  # steady
+        result[:, [0, 2]] += mean_drag(rest.p, rest.beam, air)[0]
+        return result
+    at_foot = air.at_nodes(np.zeros(1), air.velocity)
+    velocity = _interpolated(run.request.times[:n], np.arange(len(at_foot)) / air.samples_per_second, at_foot)[:, 0]
+    size = 0.5 * air.density * rest.beam.drag_areas[0] * np.linalg.norm(velocity, axis=1)
+    result[:, [0, 2]] += size[:, None] * velocity
+    return result
+
+
+def anchor_forces(mast: ModalMast, run: MastTrajectory) -> np.ndarray:
+    r"""Return the forces of the guys on their anchors (outputs, guys, 3) [N].
+
+    At rest they are those of the catenaries.  In motion the force along the present chord is that at the mast, and both ends
+    carry the same change of the transverse forces, drag and inertia, as for a motion symmetric about the middle of the guy:
+    with the force f of the guy on the mast and the direction e of the chord,
+
+    .. math:: f_a = f_{a,0} + g - g_0, \qquad g = f - 2 (f \cdot e) e.
+    """
+    rest, n = mast.rest, run.completed
+    lower = np.array([guy.p.lower for guy in rest.p.guys], dtype=float).reshape(-1, 3)
+    upper = np.repeat(rest.upper[None], n, axis=0)
+    upper[..., [0, 2]] += np.einsum("gia,ta->tgi", mast.guy_rows, run.modal[:n], optimize=True)
+    along = upper - lower
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    force = run.force[:n]
+    turned = force - 2.0 * (force * along).sum(axis=-1, keepdims=True) * along
+    result = rest.statics.anchor_forces + turned - turned[:1]
+    breaks = np.array([np.inf if guy.breaks is None else guy.breaks for guy in rest.p.guys])
+    result[run.request.times[:n, None] >= breaks] = 0.0
+    return result

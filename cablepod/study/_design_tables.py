@@ -1,0 +1,189 @@
+"""Tables of a design: guys, heights, and cases of direction and speed; in SI units for files, in units for people to print."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.archive._atomic import atomic_file
+
+#: Numbers of a row, by heading.
+Row = dict[str, Any]
+
+
+def guy_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row for each guy of a mast, or end of one guy, in its governing direction and speed [SI, degrees]."""
+    line = "guy" if "guy" in result.dims else "end"
+    base = "guy_tension" if line == "guy" else "tension"
+    if f"{base}_peak" not in result:
+        return []
+    rows = []
+    for place, label in enumerate(result[line].values.tolist()):
+        own = result.isel({line: place})
+        case = own.sel(direction=own["governing_direction"], speed=own["governing_speed"])
+        row: Row = {line: label}
+        if line == "guy":
+            anchor = own["anchor"].values
+            row |= {
+                "level [m]": float(own["guy_level"]), "towards [deg]": degrees(math.atan2(anchor[2], anchor[0])),
+                **{f"anchor {axis} [m]": float(value) for axis, value in zip("xyz", anchor, strict=True)},
+            }  # fmt: skip
+        row |= {"wind [deg]": degrees(float(case["direction"])), "speed [m/s]": float(case["speed"])}
+        row |= _statistics(case, base, "peak", "N")
+        if "utilisation" in case:
+            row["utilisation [1]"] = float(case["utilisation"])
+        for name, heading in (
+            ("anchor_force_peak", "force on the anchor [N]"), ("anchor_force_horizontal_peak", "horizontal [N]"),
+            ("anchor_uplift_peak", "uplift [N]"),
+        ):  # fmt: skip
+            if name in result:
+                row[heading] = float(own[name].max())  # each in its own governing case
+        if "slack_storms" in own:
+            row["slack storms"] = int(own["slack_storms"].sum())
+        for name, heading in (("damage_per_year", "damage in a year [1]"), ("fatigue_life", "life [years]")):
+            if name in own:
+                row[heading] = float(own[name])
+        rows.append(row)
+    return rows
+
+
+def height_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row for each element of the mast with envelopes over all directions and speeds [SI]; none of one guy."""
+    if "element" not in result.dims:
+        return []
+    moment, shear = _over_cases(result["bending_moment_peak"]), _over_cases(result["shear_force_peak"])
+    axial = _over_cases(result["axial_compression_peak"])
+    least = result["axial_compression_minimum"].min(("direction", "speed", "storm")).values
+    return [
+        {
+            "from [m]": float(result["element_bottom"][e]), "to [m]": float(result["element_top"][e]),
+            "bending moment [N m]": float(max(moment[e], moment[e + 1])), "shear [N]": float(shear[e]),
+            "axial force [N]": float(axial[e]), "least axial force [N]": float(least[e]),
+        }
+        for e in range(result.sizes["element"])
+    ]  # fmt: skip
+
+
+def level_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row for each level of guys and the top, with the largest displacement of all directions and speeds [SI]."""
+    if "displacement_peak" not in result:
+        return []
+    rows = []
+    for place, level in enumerate(result["level"].values.tolist()):
+        case = _governing(result, result["displacement_peak"].isel(level=place)).isel(level=place)
+        rows.append({"level [m]": level, **_wind(case), **_statistics(case, "displacement", "displacement", "m")})
+    return rows
+
+
+def foot_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row for each reaction of the foot, in its governing direction and speed [SI]."""
+    rows = []
+    for base, text in (("foot_force_vertical", "downwards"), ("foot_force_horizontal", "horizontal")):
+        if f"{base}_peak" in result:
+            case = _governing(result, result[f"{base}_peak"])
+            rows.append({"force on the foundation": text, **_wind(case), **_statistics(case, base, "force", "N")})
+    if "bending_moment_peak" in result:
+        at_foot = result["bending_moment_peak"].isel(node=0)
+        case = _governing(result, at_foot)
+        if float(case["bending_moment_peak"].isel(node=0)) > 1e-6 * float(
+            result["bending_moment_peak"].max()
+        ):  # clamped
+            moment = float(case["bending_moment_peak"].isel(node=0))
+            rows.append({"force on the foundation": "moment [N m]", **_wind(case), "force [N]": moment})
+    return rows
+
+
+def case_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row for each direction and speed: the guy of the largest peak, buckling, slack and failed storms [SI]."""
+    line = "guy" if "guy" in result.dims else "end"
+    base = "guy_tension" if line == "guy" else "tension"
+    rows = []
+    for d in range(result.sizes["direction"]):
+        for s in range(result.sizes["speed"]):
+            case = result.isel(direction=d, speed=s)
+            row: Row = _wind(case)
+            if f"{base}_peak" in case and np.isfinite(case[f"{base}_peak"].values).any():
+                place = int(np.nanargmax(case[f"{base}_peak"].values))
+                row |= {line: case[line].values.tolist()[place]}
+                row |= _statistics(case.isel({line: place}), base, "peak", "N")
+            if "displacement_peak" in case:
+                row["displacement [m]"] = float(case["displacement_peak"].max())
+            if "bending_moment_peak" in case:
+                row["bending moment [N m]"] = float(case["bending_moment_peak"].max())
+            if "buckling_factor" in case:
+                row["buckling factor"] = float(case["buckling_factor"])
+            if "slack_storms" in case:
+                row |= {"slack": slack_lines(case)}
+            row["failed storms"] = int((case["failure"] != "").sum())
+            rows.append(row)
+    return rows
+
+
+def slack_lines(case: xr.Dataset) -> str:
+    """Return the lines that are slack in some storms of a case, with the numbers of these storms."""
+    counts = np.atleast_1d(case["slack_storms"].values)
+    names = case["guy"].values.tolist() if "guy" in case.dims else ["the guy"]
+    return ", ".join(f"{name} ({count})" for name, count in zip(names, counts.tolist(), strict=True) if count)
+
+
+def write_tables(folder: Path, result: xr.Dataset) -> list[str]:
+    """Write the tables that a result has, in SI units; return the names of the files."""
+    tables = {
+        "guys.csv": guy_rows(result), "heights.csv": height_rows(result), "levels.csv": level_rows(result),
+        "foot.csv": foot_rows(result), "cases.csv": case_rows(result),
+    }  # fmt: skip
+    written = []
+    for name, rows in tables.items():
+        if rows:
+            _write(folder / name, rows)
+            written.append(name)
+    return written
+
+
+def degrees(angle: float) -> float:
+    """Return an angle [rad] in degrees from 0 to 360."""
+    return round(math.degrees(angle), 6) % 360.0
+
+
+def _write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    headings = list(dict.fromkeys(heading for row in rows for heading in row))
+    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(headings)
+        for row in rows:
+            values = (row.get(heading, "") for heading in headings)
+            writer.writerow([f"{value:.10g}" if isinstance(value, float) else value for value in values])
+
+
+def _statistics(case: xr.Dataset, base: str, heading: str, unit: str) -> Row:
+    """Return peak, its interval and the quantile with its interval, where the result has them."""
+    row: Row = {}
+    for ending, text in (
+        ("_peak", ""), ("_peak_low", " low"), ("_peak_high", " high"), ("_quantile", " quantile"),
+        ("_quantile_low", " quantile low"), ("_quantile_high", " quantile high"),
+    ):  # fmt: skip
+        if f"{base}{ending}" in case:
+            row[f"{heading}{text} [{unit}]"] = float(case[f"{base}{ending}"])
+    return row
+
+
+def _wind(case: xr.Dataset) -> Row:
+    return {"wind [deg]": degrees(float(case["direction"])), "speed [m/s]": float(case["speed"])}
+
+
+def _over_cases(peaks: xr.DataArray) -> np.ndarray:
+    """Return the largest of all directions and speeds."""
+    return np.asarray(peaks.max(("direction", "speed")).values)
+
+
+def _governing(result: xr.Dataset, peaks: xr.DataArray) -> xr.Dataset:
+    """Return the case of the largest of peaks (direction, speed)."""
+    values = np.nan_to_num(peaks.transpose("direction", "speed").values, nan=-np.inf)
+    direction, speed = np.unravel_index(int(values.argmax()), values.shape)
+    return result.isel(direction=int(direction), speed=int(speed))

@@ -1,0 +1,343 @@
+"""Storms of all directions and speeds on a mast or a guy: symmetry, resuming, reference values, mistakes."""
+
+from __future__ import annotations
+
+import csv
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from mast_scenes import WIND, small
+
+import cablepod as cp
+from cablepod import cli
+from cablepod.cli._design import text
+from cablepod.study._design_numbers import CABLE, joined
+
+PI = np.pi
+#: An S-N curve: exponent, range at two million cycles [Pa].
+CURVE = {"slope": 4.0, "reference_range": 1.5e8}
+GUY = {
+    "title": "one guy",
+    "cable": {
+        "youngs_modulus": 1.6e11, "area": 3.8e-5, "density": 8000.0, "diameter": 0.008, "top_tension": 5000.0,
+        "breaking_strength": 4.0e4,
+    },
+    "ends": {"lower": [20.0, 0.0, 0.0], "upper": [0.0, 28.0, 0.0]}, "damping": {"mass_proportional": 0.1}, "wind": WIND,
+    "time": {"duration": 4.0, "interval": 0.1}, "chain": {"links": 20},
+}  # fmt: skip
+
+
+def windy(mapping):
+    mapping["wind"] = WIND
+    mapping["mast"]["drag_area"] = 0.3
+    del mapping["mast"]["load"]
+    mapping["time"] = {"duration": 6.0, "interval": 0.05}
+    mapping["cables"]["guy"]["breaking_strength"] = 4.0e4
+
+
+def steady(mapping):
+    windy(mapping)
+    mapping["wind"] = {key: value for key, value in WIND.items() if key != "turbulence"}
+
+
+def table_of(path):
+    """The rows of a table on disk."""
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Three directions, a third of a turn apart, on three equal guys."""
+    return cp.study.design(
+        small(windy), directions=[0.4, 0.4 + 2 * PI / 3, 0.4 + 4 * PI / 3], speeds=[12.0, 20.0], storms=3, **CURVE,
+        shares=[0.1, 0.01],
+    )  # fmt: skip
+
+
+def test_a_wind_turned_by_a_third_gives_the_turned_table(table):
+    for name in (
+        "guy_tension_peak",
+        "utilisation",
+        "anchor_force_peak",
+        "anchor_uplift_peak",
+        "damage",
+        "slack_storms",
+    ):
+        values = table[name].transpose("direction", ..., "guy").values
+        for third in (1, 2):  # guys stand at 0, 120, 240 degrees
+            turned = np.roll(values[0], third, axis=-1)
+            np.testing.assert_allclose(values[third], turned, rtol=1e-6, err_msg=name)
+        assert np.ptp(values[0], axis=-1).max() > 1e-3 * abs(values[0]).max() or name == "slack_storms"
+    for name in ("displacement_peak", "bending_moment_peak", "shear_force_peak", "axial_compression_peak"):
+        values = table[name].transpose("direction", ...).values
+        np.testing.assert_allclose(
+            values, np.broadcast_to(values[0], values.shape), rtol=1e-6, atol=1e-9 * values.max()
+        )
+    np.testing.assert_allclose(table.governing_speed, 20.0)
+    assert sorted(table.governing_direction.values.tolist()) == table.direction.values.tolist()
+
+
+def test_each_storm_is_that_of_the_mast_alone(table):
+    def alone(mapping):
+        windy(mapping)
+        angle = 0.4 + 2 * PI / 3
+        mapping["wind"] = {
+            **WIND, "speed": 12.0, "direction": [np.cos(angle), 0.0, np.sin(angle)],
+            "turbulence": {**WIND["turbulence"], "seed": 4},
+        }  # fmt: skip
+
+    run = cp.mast.simulate(small(alone), outputs=("guy_tension", "extremes", "envelopes"))
+    own = table.isel(direction=1, speed=0).sel(storm=4)
+    for name in ("guy_tension_maximum", "bending_moment_largest", "anchor_force_maximum", "foot_force_maximum"):
+        np.testing.assert_allclose(own[name], run[name], rtol=1e-6, atol=1e-9 * float(abs(run[name]).max()))
+    stress = (run.guy_tension / 3.8e-5).assign_attrs(units="Pa")
+    np.testing.assert_allclose(own.damage, cp.fatigue.damage(stress, **CURVE), rtol=1e-5)
+
+
+def test_peaks_are_those_of_the_storms_and_shares_make_a_year(table):
+    found = cp.extremes.peaks(table.guy_tension_maximum, dim="storm", level=0.9)
+    for statistic, name in (
+        ("mean", "peak"),
+        ("mean_low", "peak_low"),
+        ("mean_high", "peak_high"),
+        ("quantile", "quantile"),
+    ):
+        np.testing.assert_allclose(table[f"guy_tension_{name}"], found[statistic], rtol=1e-12)
+    np.testing.assert_allclose(table.guy_tension_peak, table.guy_tension_maximum.mean("storm"), rtol=0.05)
+    np.testing.assert_allclose(table.utilisation, table.guy_tension_peak / 4.0e4, rtol=1e-12)
+    assert float(table.share.sum()) == pytest.approx(0.11)
+    weights = xr.DataArray([0.1 / 3, 0.01 / 3], dims="speed")
+    year = (table.damage.mean("storm") * weights).sum(("direction", "speed")) * 365.25 * 86400.0 / 6.0
+    np.testing.assert_allclose(table.damage_per_year, year, rtol=1e-12)
+    np.testing.assert_allclose(table.fatigue_life * table.damage_per_year, 1.0, rtol=1e-12)
+    for name, variable in table.variables.items():
+        assert {"units", "long_name"} <= set(variable.attrs), name
+
+
+def test_steady_wind_gives_the_forces_of_rest():
+    scene = small(steady)
+    table = cp.study.design(scene, directions=[0.0], speeds=[20.0], storms=1)
+    rest = cp.mast.rest(scene)
+    own = table.isel(direction=0, speed=0)
+    np.testing.assert_allclose(own.guy_tension_peak, rest.guy_tension, rtol=1e-3)  # four modes of the guys
+    size = np.sqrt((rest.bending_moment**2).sum("coordinate"))
+    np.testing.assert_allclose(own.bending_moment_peak, size, atol=1e-6 * float(size.max()))
+    assert float(own.foot_force_horizontal_peak) == pytest.approx(float(abs(rest.foot_force[0])), rel=1e-6)
+    assert float(own.foot_force_vertical_peak) == pytest.approx(-float(rest.foot_force[1]), rel=1e-6)
+    assert float(own.buckling_factor) == float(rest.buckling_factor)
+    assert "guy_tension_peak_low" not in table  # one storm has no scatter
+
+
+def test_a_window_leaves_out_the_start():
+    scene = small(windy)
+    options = {"directions": [0.0], "speeds": [20.0], "storms": 2, "shares": [1.0], **CURVE}
+    part = cp.study.design(scene, **options, window=(2.0, 6.0))
+    whole = cp.study.design(scene, **options)
+    run = cp.mast.simulate(scene.assign(wind_speed=scene.wind_speed), window=(2.0, 6.0))
+    np.testing.assert_allclose(part.guy_tension_maximum[0, 0, 0], run.guy_tension_maximum, rtol=1e-9)
+    stress = (run.guy_tension.sel(time=slice(2.0, 6.0)) / 3.8e-5).assign_attrs(units="Pa")
+    np.testing.assert_allclose(part.damage[0, 0, 0], cp.fatigue.damage(stress, **CURVE), rtol=1e-9)
+    assert float(abs(part.damage_per_year / whole.damage_per_year - 1.0).max()) > 1e-3
+
+
+def test_one_guy_has_its_ends(tmp_path):
+    table = cp.study.design(
+        cp.make_scene(GUY), directions=[0.0, PI / 2], speeds=[15.0, 25.0], storms=2, shares=[0.1, 0.01], **CURVE,
+        out=tmp_path / "guy",
+    )  # fmt: skip
+    assert table.tension_peak.dims == ("direction", "speed", "end")
+    assert float((table.tension_peak.sel(end="upper") - table.tension_peak.sel(end="lower")).min()) > 0.0
+    rows = table_of(tmp_path / "guy" / "guys.csv")
+    assert [row["end"] for row in rows] == ["lower", "upper"]
+    assert float(rows[1]["peak [N]"]) == pytest.approx(float(table.tension_peak.sel(end="upper").max()), rel=1e-9)
+    assert "tension at the ends [kN]" in text(table)
+    planar = {**GUY, "ends": {"lower": [20.0, 0.0], "upper": [0.0, 28.0]}, "wind": {**WIND, "direction": [1.0, 0.0]}}
+    both = cp.study.design(cp.make_scene(planar), directions=[0.0, PI], speeds=[20.0], storms=1)
+    assert float(both.tension_peak[0].max()) != float(both.tension_peak[1].max())
+    with pytest.raises(cp.SceneError, match=r"^directions: given 1\.57.*planar"):
+        cp.study.design(cp.make_scene(planar), directions=[PI / 2], speeds=[20.0], storms=1)
+
+
+def test_the_folder_has_the_table_of_memory_and_goes_on(tmp_path):
+    scene, options = small(windy), {"directions": [0.0, 1.0], "speeds": [20.0], "storms": 2}
+    table = cp.study.design(scene, **options)
+    done: list[float] = []
+    written = cp.study.design(scene, **options, out=tmp_path / "a", progress=done.append)
+    xr.testing.assert_allclose(table, written, rtol=1e-12)
+    assert done[-1] == 1.0
+    assert table.attrs["id"] == written.attrs["id"]
+    names = ["cases.csv", "design.nc", "foot.csv", "guys.csv", "heights.csv", "levels.csv", "storms"]
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == names
+    (tmp_path / "a" / "storms" / "batch_0000.nc").unlink()
+    (tmp_path / "a" / "design.nc").unlink()
+    again = cp.study.design(scene, **options, out=tmp_path / "a")
+    xr.testing.assert_identical(again, written)
+    xr.testing.assert_allclose(cp.archive.read(tmp_path / "a" / "design.nc"), written, rtol=1e-12)
+    with pytest.raises(cp.ArchiveError, match="another"):
+        cp.study.design(scene, **{**options, "speeds": [21.0]}, out=tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"directions": []}, "directions"), ({"speeds": []}, "speeds"), ({"directions": 0.0}, "directions"),
+        ({"directions": [0.0, np.nan]}, r"directions\[1\]"), ({"speeds": [np.inf]}, r"speeds\[0\]"),
+        ({"speeds": [0.0]}, r"speeds\[0\]"), ({"speeds": [20.0, 20.0]}, "speeds"),
+        ({"directions": [0.0, 2 * PI]}, "directions"), ({"directions": np.zeros((2, 2))}, r"directions\[0\]"),
+        ({"storms": 0}, "storms"), ({"storms": -1}, "storms"), ({"storms": 2.0}, "storms"), ({"storms": True}, "storms"),
+        ({"storms": np.nan}, "storms"), ({"level": 1.0}, "level"), ({"slope": 4.0}, "slope"), ({"shares": [0.1]}, "slope"),
+        ({"shares": [0.5, 0.6], **CURVE}, "shares"), ({"shares": [1.1], **CURVE}, "shares"),
+        ({"shares": [-0.1], **CURVE}, "shares"), ({"shares": [np.nan], **CURVE}, "shares"),
+        ({"shares": ["a"], **CURVE}, "shares"), ({"shares": [0.1], "slope": 0.0, "reference_range": 1e8}, "slope"),
+        ({"window": (3.0, 2.0)}, "window"), ({"window": (1.0, 7.0)}, "window"), ({"window": 3.0}, "window"), ({"out": ""}, "out"),
+    ],
+)  # fmt: skip
+def test_mistakes_name_their_key(changes, key):
+    options = {"directions": [0.0], "speeds": [20.0], "storms": 2, **changes}
+    with pytest.raises((cp.SceneError, cp.ArchiveError), match=rf"^{key}: "):
+        cp.study.design(small(windy), **options)
+
+
+def test_scenes_without_wind_time_or_turbulence_are_refused():
+    options = {"directions": [0.0], "speeds": [20.0], "storms": 2}
+    with pytest.raises(cp.SceneError, match=r"^wind: missing"):
+        cp.study.design(small(), **options)
+    with pytest.raises(cp.SceneError, match=r"^storms: given 2; allowed: 1 without wind.turbulence"):
+        cp.study.design(small(steady), **options)
+    with pytest.raises(cp.SceneError, match=r"^time: missing"):
+        cp.study.design(small(lambda mapping: (windy(mapping), mapping.pop("time"))), **options)
+    scenes = cp.ensemble.design(small(windy), {"wind.speed": [10.0, 20.0]}, members=2)
+    with pytest.raises(cp.SceneError, match=r"^scene: given several members"):
+        cp.study.design(scenes, **options)
+
+
+def test_failed_storms_are_nan_and_counted():
+    def soft(mapping):  # the mast buckles or finds no rest in the strong wind alone
+        windy(mapping)
+        mapping["mast"]["drag_area"] = 30.0
+
+    with pytest.warns(cp.MemberFailedWarning if hasattr(cp, "MemberFailedWarning") else UserWarning):
+        table = cp.study.design(small(soft), directions=[0.0], speeds=[1.0, 60.0], storms=2)
+    assert (table.failure != "").sum("storm").values.tolist() == [[0, 2]]
+    assert np.isfinite(table.guy_tension_peak[0, 0]).all()
+    assert np.isnan(table.guy_tension_peak[0, 1]).all()
+    np.testing.assert_allclose(table.governing_speed, 1.0)
+    assert "failed" in text(table)
+
+
+def test_parts_whose_storms_all_failed_are_joined_as_nan():
+    ok = xr.Dataset({"tension_maximum": (("member", "end"), [[1.0, 2.0]]), "failure": ("member", ["slack"])})
+    bad = xr.Dataset({"failure": ("member", ["no rest", "no rest"])})
+    whole = joined([bad, ok], CABLE)
+    np.testing.assert_array_equal(whole.tension_maximum, [[np.nan, np.nan], [np.nan, np.nan], [1.0, 2.0]])
+    assert whole.failure.values.tolist() == ["no rest", "no rest", "slack"]
+    with pytest.raises(cp.RunStopped, match=r"^all storms failed, the first: no rest"):
+        joined([bad], CABLE)
+
+
+MAST_TOML = """
+[mast]
+height = 30.0
+bending_stiffness = 4.0e6
+mass = 20.0
+elements = 8
+modes = 3
+drag_area = 0.3
+[cables.guy]
+youngs_modulus = 1.6e11
+area = 3.8e-5
+density = 8000.0
+diameter = 0.008
+[[guy]]
+cable = "guy"
+level = 28.0
+radius = 20.0
+count = 3
+direction = [1.0, 0.0, 0.0]
+top_tension = 5000.0
+[damping]
+mass_proportional = 0.1
+[wind]
+speed = 20.0
+direction = [1.0, 0.0, 0.0]
+turbulence = { spectrum = "kaimal", seed = 3 }
+[time]
+duration = 20.0
+interval = 0.05
+"""
+
+
+def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
+    path = tmp_path / "mast.toml"
+    path.write_text(MAST_TOML)
+    out = tmp_path / "out"
+    arguments = ["design", str(path), "--out", str(out), "--directions", "0,60", "--speeds", "15,28", "--storms", "2"]
+    assert cli.main([*arguments, "--shares", "0.1,0.01", "--slope", "4", "--reference-range", "150"]) == 0
+    printed = capsys.readouterr().out
+    for part in (
+        "tension of the guys [kN]",
+        "120 deg",
+        "(-10, 0, 17.32)",
+        "envelopes of the mast",
+        "damage/year",
+        "buckling",
+        "slack guys",
+    ):
+        assert part in printed
+    result = cp.archive.read(out / "design.nc")
+    first = next(line for line in printed.splitlines() if line.split()[:2] == ["1", "28"])
+    assert f"{float(result.guy_tension_peak.max(('direction', 'speed'))[0]) / 1e3:.2f}" in first.split()
+    rows = table_of(out / "guys.csv")
+    assert float(rows[2]["towards [deg]"]) == pytest.approx(240.0)
+    assert float(rows[0]["damage in a year [1]"]) == pytest.approx(float(result.damage_per_year[0]), rel=1e-9)
+    assert len(table_of(out / "cases.csv")) == 4
+    for wrong, key in (
+        (["--directions", "x"], "--directions"),
+        (["--speeds", "a,b"], "--speeds"),
+        (["--storms", "0"], "storms"),
+    ):
+        assert cli.main([*arguments, *wrong, "--overwrite"]) == 2
+        assert capsys.readouterr().err.startswith(f"cablepod: {key}: given")
+
+
+@pytest.mark.slow
+def test_a_killed_command_goes_on_to_the_same_table(tmp_path):
+    path = tmp_path / "mast.toml"
+    path.write_text(MAST_TOML.replace("duration = 20.0", "duration = 300.0"))
+
+    def arguments(out):
+        return [
+            sys.executable,
+            "-m",
+            "cablepod",
+            "design",
+            str(path),
+            "--out",
+            str(out),
+            "--directions",
+            "6",
+            "--storms",
+            "6",
+        ]
+
+    whole = subprocess.run(arguments(tmp_path / "whole"), capture_output=True, text=True, check=True).stdout
+    with subprocess.Popen(
+        arguments(tmp_path / "killed"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as child:
+        end = time.monotonic() + 300.0
+        while not list((tmp_path / "killed").glob("storms/batch_*.nc")) and time.monotonic() < end:
+            time.sleep(0.02)
+        child.send_signal(signal.SIGKILL)
+    done = len(list((tmp_path / "killed" / "storms").glob("batch_*.nc")))
+    assert 0 < done < 9
+    assert not (tmp_path / "killed" / "design.nc").exists()
+    again = subprocess.run(arguments(tmp_path / "killed"), capture_output=True, text=True, check=True).stdout
+    assert again.replace("killed", "whole") == whole
+    for name in ("guys.csv", "heights.csv", "cases.csv", "foot.csv", "levels.csv"):
+        assert (tmp_path / "killed" / name).read_text() == (tmp_path / "whole" / name).read_text()
