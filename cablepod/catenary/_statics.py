@@ -12,6 +12,7 @@ import numpy as np
 
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import LENGTH_KEYS
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 
 
@@ -115,6 +116,7 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     """
     from cablepod.catenary import _kernels_solve as kernel
 
+    refuse_nonuniform(p, "unstretched_length, and chain.simulate")
     if p.bare is not None and prefix == "cable" and key != "unstretched_length":
         key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
     plane = load_planes(p)
@@ -137,6 +139,8 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
 
 def unstretched_length(p: Parameters) -> float:
     """Unstretched length of the cable of a scene [m], as given or from the given tension at rest."""
+    if (p.segments or p.attachments) and p.length_key == "unstretched_length":
+        return float(p.length_value)
     return float(solve_statics(p, p.length_key, p.length_value)[0])
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.catenary._statics import solve_statics
+from cablepod.catenary._statics import solve_statics, unstretched_length
 from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
@@ -52,6 +53,9 @@ def _check_functions(p: Parameters) -> None:
 
 def _check_statics(p: Parameters) -> None:
     """Refuse tensions below the minimum, a weightless slack cable, and strains above the maximum."""
+    if p.segments or p.attachments:
+        attachment_fractions(p, unstretched_length(p))
+        return
     rest = solve_statics(p, p.length_key, p.length_value, prefix="cable")
     length, strain = float(rest[0]), float(rest[4:].max()) / p.stiffness
     # a run with a free end that starts from given points is never at this equilibrium

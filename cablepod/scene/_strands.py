@@ -28,8 +28,8 @@ def strands() -> dict[str, dict[str, float]]:
     }
 
 
-def with_strand(cable: Any) -> Any:
-    """Return a table ``[cable]`` with the keys that its strand gives; keys that are given stay.
+def with_strand(cable: Any, prefix: str = "cable") -> Any:
+    """Return a table ``[cable]``, or another one named in errors, with the keys that its strand gives; keys that are given stay.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def with_strand(cable: Any) -> Any:
     name = cable["strand"]
     if not isinstance(name, str) or name not in strands():
         listed = ", ".join(f'"{strand}"' for strand in strands())
-        raise scene_error("cable.strand", name, f"one of {listed}{did_you_mean(name, strands())}")
+        raise scene_error(f"{prefix}.strand", name, f"one of {listed}{did_you_mean(name, strands())}")
     of_strand = dict(strands()[name])
     if any(key in cable for key in WEIGHT_KEYS):
         del of_strand["density"]
