@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -261,7 +260,7 @@ def _check_segments(tables: Any, tree: dict[str, Any]) -> list[dict[str, Any]]:
         try:
             check_cable({**tree, "cable": of_segment(tree["cable"], own)})
         except SceneError as error:
-            raise SceneError(re.sub(r"^cable\b", path, str(error))) from None
+            raise SceneError(str(error).replace("cable", path, 1)) from None
         checked.append(own)
     if checked:
         checked[-1].setdefault("to", 1.0)
