@@ -10,9 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cablepod.catenary._piecewise import (
+    PiecewiseCatenary,
+    is_piecewise,
+    is_slack_weightless,
+    pieces_of,
+    solve_pieces,
+)
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import LENGTH_KEYS
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 
 
@@ -116,7 +122,8 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     """
     from cablepod.catenary import _kernels_solve as kernel
 
-    refuse_nonuniform(p, "unstretched_length, and chain.simulate")
+    if is_piecewise(p):
+        return piecewise_statics(p, key, value, prefix=prefix).columns
     if p.bare is not None and prefix == "cable" and key != "unstretched_length":
         key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
     plane = load_planes(p)
@@ -129,6 +136,36 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     return solutions[0]
 
 
+def piecewise_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> PiecewiseCatenary:
+    """Solve the elastic catenary of a cable of several pieces, as :func:`solve_statics`.
+
+    Raises
+    ------
+    SceneError
+        As :func:`solve_statics`.
+    """
+    if p.bare is not None and prefix == "cable" and key != "unstretched_length":
+        key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
+    if key == "unstretched_length" and "points" in p.initial and prefix == "cable" and is_slack_weightless(p, value):
+        return PiecewiseCatenary(pieces_of(p, value), np.full(p.dims, np.nan))
+    return solve_pieces(p, key, float(value), f"{prefix}.{key}")
+
+
+def length_and_strain(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> tuple[float, float]:
+    """Return the unstretched length [m] and the largest strain at rest for one given quantity, as :func:`solve_statics`.
+
+    Raises
+    ------
+    SceneError
+        As :func:`solve_statics`.
+    """
+    if is_piecewise(p):
+        solved = piecewise_statics(p, key, value, prefix=prefix)
+        return solved.total, solved.largest_strain
+    statics = solve_statics(p, key, value, prefix=prefix)
+    return float(statics[0]), float(statics[4:].max()) / p.stiffness
+
+
 def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Solve the catenaries of stacked members (members, 6); also return which have a solution (members,)."""
     from cablepod.catenary import _kernels_solve as kernel
@@ -139,8 +176,6 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
 
 def unstretched_length(p: Parameters) -> float:
     """Unstretched length of the cable of a scene [m], as given or from the given tension at rest."""
-    if (p.segments or p.attachments) and p.length_key == "unstretched_length":
-        return float(p.length_value)
     return float(solve_statics(p, p.length_key, p.length_value)[0])
 
 

@@ -168,7 +168,9 @@ def _attachments(values: Mapping[str, Any], p: Parameters) -> tuple[Attachment, 
         check_direction_given(path, table)
         if any(numbers.values()):
             unit = None if given is None else _unit(f"{path}.direction", given, p)
-            attachments.append(Attachment(path, place, float(table[place]), direction=unit, **numbers))
+            weight = np.zeros(p.dims)
+            weight[1] = -numbers["mass"] * float(values["gravity"])
+            attachments.append(Attachment(path, place, float(table[place]), weight=weight, direction=unit, **numbers))
     return tuple(attachments)
 
 

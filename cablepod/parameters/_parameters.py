@@ -72,6 +72,7 @@ class Attachment:
     place_key: str  #: the given one of PLACE_KEYS
     place: float  #: its value, a fraction [1] or a distance [m]
     mass: float  #: [kg]
+    weight: np.ndarray  #: of the mass (dims,) [N]
     drag_area: float  #: drag coefficient times area [m2]
     damper: float  #: force per velocity along `direction` [N s/m]
     spring: float  #: force per displacement from rest along `direction` [N/m]
