@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from cablepod.conventions import ATTRIBUTES, LABELS, UNITS, VARIABLES
-from cablepod.parameters._checks import point, points
+from cablepod.parameters._checks import direction, point, points
 from cablepod.parameters._key_paths import key_of_variable
 
 Dims = tuple[str, ...]
@@ -137,6 +137,9 @@ def rule_of(kind: Kind, layout: str | None, name: Any) -> Rule | None:
         key = key_of_variable(name) if isinstance(name, str) else None
         if key is None:
             return None
+        if key.check is direction:  # a word or a vector
+            own = ("coordinate",)
+            return Rule(key.units, "", False, own, may=frozenset((*own, "member")), allowed_dims=own)
         vector: dict[Any, Dims] = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
         dims: Dims | None = vector.get(key.check, ())
         units, is_number = key.units, key.units is not None and not key.is_whole

@@ -17,6 +17,7 @@ from cablepod.discretisation._gll import gll_rule, lagrange_basis
 from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters, PointLoad
 
 #: Default polynomial order of an element (its eight nodes fill vector registers completely).
@@ -222,6 +223,7 @@ def mesh_of(
     SceneError
         For fewer elements than parts between point loads, or invalid points.
     """
+    refuse_nonuniform(p, "chain.simulate")
     order = check_order(order)
     total = unstretched_length(p)
     borders = part_borders(p)

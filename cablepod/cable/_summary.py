@@ -22,6 +22,7 @@ from cablepod.discretisation._chain import square
 from cablepod.discretisation._similarity import features
 from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import Members
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
 from cablepod.wind._profile import air_at_rest
@@ -147,6 +148,7 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
 def _numbers_of_member(p: Parameters) -> dict[str, Any]:
     """Return the numbers of one scene by name."""
+    refuse_nonuniform(p, "catenary.rest and chain.rest")
     numbers = static_numbers(p)
     reach, weight = np.subtract(*p.initial_ends[::-1]), math.hypot(*p.weight)
     result = {

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
-from cablepod.catenary._statics import check_solved, load_plane, solve_catenaries, solve_statics
+from cablepod.catenary._piecewise import is_piecewise
+from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenaries, solve_statics
 from cablepod.conventions import COORDINATES, STILL_AIR, label
 from cablepod.errors import SceneError, user_stacklevel
 from cablepod.parameters._checks import integer
@@ -107,6 +108,11 @@ def _rest_of_member(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray,
     """Positions (points, dims) [m], tensions [N] and arc lengths [m] of one cable at rest, and its statics (6,)."""
     from cablepod.catenary import _kernels_shape as kernel
 
+    if is_piecewise(p):
+        solved = piecewise_statics(p, p.length_key, p.length_value)
+        s = solved.total * np.linspace(0.0, 1.0, points)
+        position, force = solved.at(s)
+        return p.initial_ends[0] + position, np.sqrt((force * force).sum(axis=1)), s, solved.columns
     statics = solve_statics(p, p.length_key, p.length_value)
     plane = load_plane(p)
     s = statics[0] * np.linspace(0.0, 1.0, points)

@@ -10,6 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cablepod.catenary._piecewise import (
+    PiecewiseCatenary,
+    is_piecewise,
+    is_slack_weightless,
+    pieces_of,
+    solve_pieces,
+)
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 from cablepod.parameters._parameters import Parameters
@@ -115,6 +122,8 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     """
     from cablepod.catenary import _kernels_solve as kernel
 
+    if is_piecewise(p):
+        return piecewise_statics(p, key, value, prefix=prefix).columns
     if p.bare is not None and prefix == "cable" and key != "unstretched_length":
         # tensioned without ice, at the reference temperature
         key, value = "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
@@ -134,6 +143,36 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
             name, given = "temperature", f"an unstretched length of {value:.12g} m"  # type: ignore[assignment]
         check_solved(int(status[0]), numbers, p.stiffness, key, given, name=name)
     return solutions[0]
+
+
+def piecewise_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> PiecewiseCatenary:
+    """Solve the elastic catenary of a cable of several pieces, as :func:`solve_statics`.
+
+    Raises
+    ------
+    SceneError
+        As :func:`solve_statics`.
+    """
+    if p.bare is not None and prefix == "cable" and key != "unstretched_length":
+        key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
+    if key == "unstretched_length" and "points" in p.initial and prefix == "cable" and is_slack_weightless(p, value):
+        return PiecewiseCatenary(pieces_of(p, value), np.full(p.dims, np.nan))
+    return solve_pieces(p, key, float(value), f"{prefix}.{key}")
+
+
+def length_and_strain(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> tuple[float, float]:
+    """Return the unstretched length [m] and the largest strain at rest for one given quantity, as :func:`solve_statics`.
+
+    Raises
+    ------
+    SceneError
+        As :func:`solve_statics`.
+    """
+    if is_piecewise(p):
+        solved = piecewise_statics(p, key, value, prefix=prefix)
+        return solved.total, solved.largest_strain
+    statics = solve_statics(p, key, value, prefix=prefix)
+    return float(statics[0]), float(statics[4:].max()) / p.stiffness
 
 
 def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:

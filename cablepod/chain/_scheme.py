@@ -36,6 +36,7 @@ from cablepod.integrate._space_error import (
 )
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
 from cablepod.parameters._checks import number
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import air_of
 
@@ -82,6 +83,7 @@ def prepare(
         For options that do not fit this scene, a scene without equilibrium, an output that would not fit in memory.
     """
     check_viscous_law(request.law, p.link_viscosity)
+    refuse_nonuniform(p, "a cable without them")
     chain = chain_of(p, request.links, request.law)
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"

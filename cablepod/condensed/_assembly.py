@@ -11,6 +11,7 @@ from cablepod.condensed._rescale import ModeStructure, rescaled_model, unit_mode
 from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import relative_arc_length
@@ -67,6 +68,7 @@ def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) 
     """Refuse scenes, and combinations of options, that the model does not support."""
     check_law(law)
     choice(*ORDERS)("order", order)
+    refuse_nonuniform(p, "chain.simulate")
     if order == "leading" and law != "linear":
         raise scene_error("law", law, '"linear" with order "leading", which is of first order in the strain')
     if quadrature is not None:

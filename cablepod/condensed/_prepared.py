@@ -17,6 +17,7 @@ from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_step
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_per_second
 from cablepod.parameters._from_scene import parameters as parameters_of
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
@@ -123,6 +124,7 @@ def _check_scene(p: Parameters) -> None:
     if p.tension_damping is not None:
         raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")
     refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")
+    refuse_nonuniform(p, "condensed.simulate")
     if p.initial:
         key = f"initial.{next(iter(p.initial))}"
         raise scene_error(key, "a start from another shape", "a start from equilibrium; try: condensed.simulate")

@@ -19,6 +19,7 @@ from cablepod.discretisation._similarity import features
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import fix_sign
@@ -94,6 +95,7 @@ def vibration_modes(
     check_law(law)
     scene = taken("scene", scene, SCENE)
     p = parameters(scene)
+    refuse_nonuniform(p, "cable.frequencies")
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "two held ends, which define the chord")
     chain = chain_of(p, links, law)

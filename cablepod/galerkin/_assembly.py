@@ -14,6 +14,7 @@ from cablepod.discretisation._laws import check_law
 from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import SceneError, scene_error
 from cablepod.galerkin._model import GalerkinModel
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod._project import mean_of, mode_fields
 from cablepod.pod._snapshots import relative_arc_length
@@ -59,6 +60,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
             "none; try: condensed.simulate, or damping.mass_proportional",
         )
     refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")
+    refuse_nonuniform(p, "condensed.simulate or chain.simulate")
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
         raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")

@@ -11,7 +11,8 @@ import numpy as np
 import xarray as xr
 
 from cablepod.batch._members import inside_members
-from cablepod.catenary._statics import load_plane, solve_statics, unstretched_length
+from cablepod.catenary._piecewise import is_piecewise
+from cablepod.catenary._statics import load_plane, piecewise_statics, solve_statics, unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError, VelocityJumpWarning, user_stacklevel
 from cablepod.parameters._from_scene import Members
@@ -105,9 +106,15 @@ def wave_tensions(p: Parameters) -> tuple[np.ndarray, float]:
         middle = (tensions[1] ** 2 - tensions[0] ** 2) / (2.0 * weight)
         upward = middle + np.array([-0.5, 0.5]) * weight
         directions = (horizontal * plane.across + upward[:, None] * plane.against) / tensions[:, None]
+    stiffness, mass = p.stiffness, p.mass
+    if is_piecewise(p):
+        forces = piecewise_statics(p, p.length_key, p.length_value).end_forces
+        directions = forces / np.sqrt((forces**2).sum(axis=1))[:, None]
+    if p.segments:
+        stiffness, mass = (np.array([getattr(p.segments[k], name) for k in (0, -1)]) for name in ("stiffness", "mass"))
     rates = p.initial_end_rates[0]
     along = np.abs((rates * directions).sum(axis=1))
     across = np.maximum((rates**2).sum(axis=1) - along**2, 0.0)
     with np.errstate(all="ignore"):
-        inflow = 0.5 * across / np.sqrt(tensions / p.mass)
-    return (along + inflow) * math.sqrt(p.stiffness * p.mass), rest
+        inflow = 0.5 * across / np.sqrt(tensions / mass)
+    return (along + inflow) * np.sqrt(stiffness * mass), rest

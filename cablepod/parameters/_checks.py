@@ -15,6 +15,8 @@ from cablepod.errors import one_of, scene_error
 SMALLEST, LARGEST = 1e-30, 1e30
 #: What Python or numpy call a number, and is none here.
 NO_NUMBERS = (bool, np.bool_, np.timedelta64)
+#: Direction normal to the chord at rest, in its vertical plane.
+NORMAL = "normal"
 Check = Callable[[str, Any], Any]
 
 
@@ -87,6 +89,16 @@ def point(key: str, value: Any) -> list[float]:
         raise scene_error(key, value, "a list of two or three finite numbers")
     check_number = number()
     return [check_number(f"{key}[{index}]", component) for index, component in enumerate(value)]
+
+
+def direction(key: str, value: Any) -> str | list[float]:
+    """Check a direction: "normal", or a vector of two or three numbers, not all zero."""
+    if isinstance(value, str):
+        return choice(NORMAL)(key, value)
+    vector = point(key, value)
+    if not any(vector):
+        raise scene_error(key, value, f'"{NORMAL}", or a vector other than zero')
+    return vector
 
 
 def points(key: str, value: Any) -> list[list[float]]:

@@ -29,6 +29,8 @@ from cablepod.parameters._keys import (
     exactly_one,
     time_function_keys,
 )
+from cablepod.parameters._nonuniform import VARIABLES as NONUNIFORM
+from cablepod.parameters._nonuniform import with_segments_and_attachments
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._scene_values import check_values
 from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of
@@ -139,7 +141,7 @@ class Members(Sequence[Parameters]):
             or p.tension_damping is not None
             or "damping_tension_proportional" in self.varied
             or names & {"damping_ratio", "damping_ratios"}
-            or any(name.startswith(("wind_", "ice_")) for name in names)
+            or any(name.startswith(("wind_", "ice_", *NONUNIFORM)) for name in names)
             or any(motion.kind not in SINES for motion in p.motions.values())
         )
 
@@ -174,6 +176,14 @@ def _is_gap(value: Any) -> bool:
 
 def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> Parameters:
     """Make parameters from the values of scene variables by name, converted by `number`."""
+    uniform = _uniform_from_values(values, number)
+    if any(name.startswith(NONUNIFORM) for name in values):
+        return with_segments_and_attachments(uniform, values, _uniform_from_values)
+    return uniform
+
+
+def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> Parameters:
+    """Make the parameters of a cable without segments and attachments, as :func:`_from_values`."""
     for name in NEEDED:
         if name not in values:
             raise SceneError(f"{dotted(name)}: missing; allowed: a number, as make_scene gives it")

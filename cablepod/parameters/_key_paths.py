@@ -1,8 +1,8 @@
 """Key paths of a scene: variables of the Dataset that they name, numbers in nested tables, their replacement.
 
 A key path joins tables and key by points: ``cable.top_tension``, ``motion.upper.x.amplitude``.  An axis names a component of a
-vector (``ends.upper.x``), a number from 1 a point load (``point_load.1.force.y``).  The variable of the scene Dataset has the
-path with ``_`` for ``.``; the components of a vector share the variable of the vector.
+vector (``ends.upper.x``), a number from 1 a table of a list (``point_load.1.force.y``).  The variable of the scene Dataset has
+the path with ``_`` for ``.``; the components of a vector share the variable of the vector.
 
 Wherever a key path is taken, its two forms are the same: nested tables, and the path with points.
 """
@@ -22,13 +22,13 @@ import xarray as xr
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import number, numbers_list, text
-from cablepod.parameters._keys import ENSEMBLE, FREQUENCY, POINT_LOAD, TABLES, TOP, Key, time_function_keys
+from cablepod.parameters._keys import ENSEMBLE, FREQUENCY, LISTED, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION
 
 #: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
 MAX_PARTS = 6
 #: Tables that are lists, by their path.
-LISTS = (("point_load",), ("guy",), ("mast", "section"), ("mast", "load"))
+LISTS = (*((table,) for table in LISTED), ("guy",), ("mast", "section"), ("mast", "load"))
 #: Tables of a mast with a number or a name: pattern of the variables of their keys, path, keys.
 MAST_LISTS = (
     (re.compile(r"guy_(\d+)_(\w+)"), "guy", GUY),
@@ -55,15 +55,15 @@ def _dotted(path: str) -> str:
     motion = re.fullmatch(r"motion_(lower|upper)_([xyz])_(\w+)", path)
     if motion:
         return f"motion.{motion[1]}.{motion[2]}.{motion[3]}"
-    load = re.fullmatch(r"point_load_(\d+)_(\w+)", path)
+    listed = re.fullmatch(rf"({'|'.join(LISTED)})_(\d+)_(\w+)", path)
     gusts = re.fullmatch(r"wind_turbulence_(\w+)", path)
     if gusts and gusts[1] in TABLES["wind.turbulence"]:
         return f"wind.turbulence.{gusts[1]}"
     if path.startswith(("mast_", "guy_", "cables_")):
         return _of_mast(path)
-    table, key = (f"point_load.{load[1]}", load[2]) if load else path.split("_", 1) if "_" in path else ("", "")
-    known = POINT_LOAD if load else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
-    if key in known or ((load or table == "load") and key in _keys_of_factors()):
+    table, key = (f"{listed[1]}.{listed[2]}", listed[3]) if listed else path.split("_", 1) if "_" in path else ("", "")
+    known = LISTED[listed[1]] if listed else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
+    if key in known or (table.split(".")[0] in ("point_load", "load") and key in _keys_of_factors()):
         return f"{table}.{key}"
     vector, _, axis = key.rpartition("_")
     return f"{table}.{vector}.{axis}" if axis in COORDINATES and vector in known else path
@@ -205,7 +205,12 @@ def motion_path(end: str, axis: str) -> str:
 
 def point_load_path(number: int) -> str:
     """Return the key path of a point load, counted from 1."""
-    return f"point_load.{number}"
+    return listed_path("point_load", number)
+
+
+def listed_path(table: str, number: int) -> str:
+    """Return the key path of a table of a list, counted from 1."""
+    return f"{table}.{number}"
 
 
 def table_at(values: Mapping[str, Any], path: str, keys: Iterable[str]) -> dict[str, Any]:
@@ -269,7 +274,7 @@ def key_of_variable(name: str) -> Key | None:
         key = key_of_variable("_".join(tables))
         return None if key is None else replace(key, check=number())
     table = ".".join(tables) if ".".join(tables) in TABLES else tables[0]
-    keys = dict(TABLES.get(table, {}) if table != "point_load" else POINT_LOAD)
+    keys = dict({**TABLES, **LISTED}.get(table, {}))
     if (of_mast := keys_of_mast(tables)) is not None:
         keys = dict(of_mast)
     if tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]:
@@ -309,8 +314,8 @@ def key_at(parts: list[str], kind_of: Callable[[str], str | None]) -> Key | None
     keys: dict[str, Key] = {}
     if len(tables) == 1:
         keys |= TABLES.get(tables[0], {})
-    elif len(tables) == 2 and tables[0] == "point_load":
-        keys |= POINT_LOAD
+    elif len(tables) == 2 and tables[0] in LISTED:
+        keys |= LISTED[tables[0]]
     elif len(tables) == 2:
         keys |= TABLES.get(".".join(tables), {})
     keys |= keys_of_mast(tables) or {}

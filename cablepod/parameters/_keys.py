@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 from cablepod.errors import SceneError, did_you_mean, named, scene_error, shown
-from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text, truth
+from cablepod.parameters._checks import (
+    Check,
+    choice,
+    direction,
+    integer,
+    number,
+    numbers_list,
+    point,
+    points,
+    text,
+    truth,
+)
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,32 @@ POINT_LOAD = {
     "arc_length": Key(number(least=0.0, most=1.0), "1", "place of the load as a fraction of the length", required=True),
     "force": Key(point, "N", "force", required=True),
 }
+#: Keys of a segment, without bounds of which the cable is uniform.
+SEGMENT = {
+    "from": Key(number(least=0.0, most=1.0), "1", "lower end of the segment as a fraction of the length"),
+    "to": Key(number(above=0.0, most=1.0), "1", "upper end of the segment as a fraction of the length"),
+    **{
+        name: replace(key, required=False)
+        for name, key in CABLE.items()
+        if name not in (*LENGTH_KEYS, "thermal_expansion")  # the length of the whole
+    },
+}
+#: Keys of the place of an attachment, one of which is given.
+PLACE_KEYS = ("arc_length", "distance_from_lower", "distance_from_upper")
+#: Keys of what an attachment does, at least one of which is given.
+ATTACHED_KEYS = ("mass", "drag_area", "damper", "spring")
+ATTACHMENT = {
+    "arc_length": Key(number(least=0.0, most=1.0), "1", "place of the attachment as a fraction of the length"),
+    "distance_from_lower": Key(number(least=0.0), "m", "unstretched length from the lower end to the attachment"),
+    "distance_from_upper": Key(number(least=0.0), "m", "unstretched length from the upper end to the attachment"),
+    "mass": Key(number(least=0.0), "kg", "attached mass"),
+    "drag_area": Key(number(least=0.0), "m2", "drag coefficient times area of what is attached"),
+    "damper": Key(number(least=0.0), "N s m-1", "viscous damper to the ground"),
+    "spring": Key(number(least=0.0), "N m-1", "spring to the ground, without force at rest"),
+    "direction": Key(direction, "1", "direction of damper and spring"),
+}
+#: Lists of tables of a scene of one cable.
+LISTED: Mapping[str, Mapping[str, Key]] = {"point_load": POINT_LOAD, "segment": SEGMENT, "attachment": ATTACHMENT}
 TIME = {
     "duration": Key(number(above=0.0), "s", "time at the end of the run", required=True),
     "interval": Key(number(above=0.0), "s", "time between snapshots", required=True),
@@ -169,7 +206,7 @@ TABLES: Mapping[str, Mapping[str, Key]] = {
     "wind.turbulence": TURBULENCE,
     "ice": ICE,
 }
-OTHER_TABLES = ("motion", "point_load", "ensemble")
+OTHER_TABLES = ("motion", *LISTED, "ensemble")
 #: Frequency of a sine [Hz], which may be given in place of its angular frequency.
 FREQUENCY = "frequency"
 
@@ -230,7 +267,7 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
 def meant(prefix: str, name: Any, keys: Iterable[str]) -> str:
     """Return the remedy of an unknown key: a similar key of its table, or the same key of another table; else empty."""
     similar = did_you_mean(name, keys, f"{prefix}." if prefix else "")
-    tables = {"": TOP, **TABLES, "point_load.1": POINT_LOAD, "ensemble": ENSEMBLE}
+    tables = {"": TOP, **TABLES, **{f"{table}.1": keys for table, keys in LISTED.items()}, "ensemble": ENSEMBLE}
     elsewhere = [join(table, name) for table, of_table in tables.items() if name in of_table and table != prefix]
     return similar or (f"; try: {' or '.join(elsewhere)}" if elsewhere else "")
 

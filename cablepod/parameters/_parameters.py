@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, reduce
 from typing import Any, Protocol
 
@@ -37,12 +37,64 @@ class PointLoad:
     factor: TimeFunction | None  #: factor of time [1]
 
 
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Part of a cable with properties of its own."""
+
+    start: float  #: lower end as a fraction of the unstretched length [1]
+    end: float  #: upper end as a fraction of the unstretched length [1]
+    stiffness: float  #: axial stiffness K [N]
+    area: float  #: area of the unstrained cross-section [m2]
+    mass: float  #: mass per unstretched length, with its ice [kg/m]
+    weight: np.ndarray  #: weight per unstretched length, with its ice (dims,) [N/m]
+    diameter: float | None  #: with its ice [m]; None without
+    drag_coefficient: float
+    breaking_strength: float | None  #: [N]; None without
+
+    def is_like(self, other: Segment) -> bool:
+        """Whether another segment has the same properties."""
+        own, others = (
+            [*segment.weight, *(getattr(segment, field.name) for field in fields(segment) if field.name not in PLACED)]
+            for segment in (self, other)
+        )
+        return own == others
+
+
+#: Fields of a segment that say where it is, and its vector.
+PLACED = ("start", "end", "weight")
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Mass, drag, damper and spring at one point of the cable."""
+
+    key: str  #: key path of its table
+    place_key: str  #: the given one of PLACE_KEYS
+    place: float  #: its value, a fraction [1] or a distance [m]
+    mass: float  #: [kg]
+    weight: np.ndarray  #: of the mass (dims,) [N]
+    drag_area: float  #: drag coefficient times area [m2]
+    damper: float  #: force per velocity along `direction` [N s/m]
+    spring: float  #: force per displacement from rest along `direction` [N/m]
+    direction: np.ndarray | None  #: unit vector (dims,); None without damper and spring
+
+    def fraction(self, length: float) -> float:
+        """Return the place as a fraction of the unstretched `length` [m], unchecked."""
+        if self.place_key == "arc_length":
+            return self.place
+        below = self.place / length
+        return below if self.place_key == "distance_from_lower" else 1.0 - below
+
+
 @dataclass(frozen=True, eq=False)  # compared and hashed by identity, see SceneContent
 class Parameters:
     """Parameters of a scene in SI units; None stands for a term that the scene lacks.
 
     Members that differ in numbers only can be stacked, see :meth:`cablepod.parameters._from_scene.Members.stacked`: numbers are
     arrays (members,) then, vectors (members, dims), parameters of time functions (members, 1).
+
+    The numbers of a cable of several segments are means over its unstretched length: its mass and weight are those of the
+    whole cable, its stiffness is that under one tension, its breaking strength is the least.
     """
 
     stiffness: Any  #: axial stiffness K [N]
@@ -76,6 +128,9 @@ class Parameters:
     drag_coefficient: Any = 1.2
     wind: Mapping[str, Any] | None = None  #: values of the table [wind]; None for still air
     turbulence: Mapping[str, Any] | None = None  #: values of the table [wind.turbulence]; None for steady wind
+    segments: tuple[Segment, ...] = ()  #: from the lower end on, different from one to the next; empty if uniform
+    #: in the order of their tables, see :func:`cablepod.parameters._nonuniform.attachment_fractions`
+    attachments: tuple[Attachment, ...] = ()
     #: the same cable as it was tensioned, without ice and at the reference temperature; None where it is the same
     bare: Parameters | None = None
     expansion: Any = 1.0  #: unstretched length over that of `bare`

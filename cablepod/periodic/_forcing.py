@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from cablepod.errors import scene_error
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
@@ -32,6 +33,7 @@ def periodic_forcing(p: Parameters) -> Forcing:
         For a scene without forcing, and for forcing that is not of one angular frequency.
     """
     refuse_wind(p)
+    refuse_nonuniform(p, "chain.simulate")
     functions = p.time_functions()
     if not functions:
         raise scene_error("motion", "none", f"at least one motion, or load with a factor, of kind {ALLOWED_KINDS}")

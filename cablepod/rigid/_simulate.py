@@ -28,6 +28,7 @@ from cablepod.integrate._step_control import (
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
 from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, ROTATION_WARN, RigidRun
@@ -63,6 +64,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     """
     p = parameters(scene)
     check_no_wind(p, "chain.rest")
+    refuse_nonuniform(p, "chain.rest")
     chain = chain_of(p, links)
     position, tension = rest_shape(chain)
     force = (tension / chain.length)[:, None] * np.diff(position, axis=0)
@@ -229,6 +231,7 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
             "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"
         )
     refuse_damping_ratios(p, "chain.simulate, or damping.mass_proportional")
+    refuse_nonuniform(p, "chain.simulate")
     return chain_of(p, links, least=2 if p.free_end is None else 1)
 
 

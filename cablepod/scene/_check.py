@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,17 @@ from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError, closest, did_you_mean, named, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.parameters._given import cross_section, upper_end
-from cablepod.parameters._key_paths import motion_path, nested, point_load_path
+from cablepod.parameters._key_paths import listed_path, motion_path, nested
 from cablepod.parameters._keys import (
+    ATTACHED_KEYS,
+    ATTACHMENT,
     ENSEMBLE,
     INITIAL,
     LENGTH_KEYS,
     OTHER_TABLES,
+    PLACE_KEYS,
     POINT_LOAD,
+    SEGMENT,
     TABLES,
     TOP,
     Key,
@@ -29,6 +33,7 @@ from cablepod.parameters._keys import (
     meant,
     time_function_keys,
 )
+from cablepod.parameters._nonuniform import ALTERNATIVES, check_direction_given, of_segment, segment_bounds
 from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST
 from cablepod.scene._ranges import check_ranges, with_counts_expanded
@@ -65,8 +70,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         _check_vector("load.uniform", tree["load"]["uniform"], dims)
     if "motion" in mapping:
         tree["motion"] = _check_motion(mapping["motion"], dims, tree["ends"].get("free"), folder)
-    if "point_load" in mapping:
-        tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
+    _check_lists(mapping, tree, dims, folder)
     if "ensemble" in mapping:
         tree["ensemble"] = check_ensemble(mapping["ensemble"], tree, folder)
     return tree
@@ -223,16 +227,69 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
     return checked
 
 
+def _check_lists(mapping: Mapping[str, Any], tree: dict[str, Any], dims: int, folder: Path) -> None:
+    """Check the lists of tables."""
+    if "point_load" in mapping:
+        tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
+    if "segment" in mapping:
+        tree["segment"] = _check_segments(mapping["segment"], tree, folder)
+    if "attachment" in mapping:
+        tree["attachment"] = _check_attachments(mapping["attachment"], dims)
+
+
 def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, Any]]:
-    if not isinstance(loads, list | tuple):
-        raise scene_error("point_load", loads, "an array of tables, [[point_load]]")
     checked = []
-    for index, table in enumerate(loads, start=1):
-        prefix = point_load_path(index)
+    for prefix, table in _listed("point_load", loads):
         load = check_with_factor(prefix, table, POINT_LOAD, folder)
         _check_vector(f"{prefix}.force", load["force"], dims)
         checked.append(load)
     return checked
+
+
+def _check_segments(tables: Any, tree: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
+    """Check the tables [[segment]]: their keys, the cable that each makes, their bounds."""
+    checked = []
+    for path, table in _listed("segment", tables):
+        if isinstance(table, Mapping):
+            for key in LENGTH_KEYS:
+                if key in table:
+                    raise SceneError(f"{path}.{key}: given; allowed: none for a part of the cable; try: cable.{key}")
+        own = check_table(path, with_strand(table, folder, path), SEGMENT)
+        for names in ALTERNATIVES:
+            if any(name in own for name in names):
+                exactly_one(path, own, names)
+        try:
+            check_cable({**tree, "cable": of_segment(tree["cable"], own)})
+        except SceneError as error:
+            raise SceneError(str(error).replace("cable", path, 1)) from None
+        checked.append(own)
+    if checked:
+        checked[-1].setdefault("to", 1.0)
+    segment_bounds(checked)
+    return checked
+
+
+def _check_attachments(tables: Any, dims: int) -> list[dict[str, Any]]:
+    """Check the tables [[attachment]], but for their places along the cable, see :func:`attachment_fractions`."""
+    checked = []
+    for path, table in _listed("attachment", tables):
+        own = check_table(path, table, ATTACHMENT)
+        exactly_one(path, own, PLACE_KEYS)
+        if not any(name in own for name in ATTACHED_KEYS):
+            raise SceneError(f"{path}: given none of {', '.join(ATTACHED_KEYS)}; allowed: at least one")
+        if not isinstance(own.get("direction", ""), str):
+            _check_vector(f"{path}.direction", own["direction"], dims)
+        check_direction_given(path, own)
+        checked.append(own)
+    return checked
+
+
+def _listed(name: str, tables: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the key path and the table of each entry of a list."""
+    if not isinstance(tables, list | tuple):
+        raise scene_error(name, tables, f"an array of tables, [[{name}]]")
+    for number, table in enumerate(tables, start=1):
+        yield listed_path(name, number), table
 
 
 def check_ensemble(table: Any, tree: dict[str, Any], folder: Path) -> dict[str, Any]:

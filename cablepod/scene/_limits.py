@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from cablepod.catenary._sag import least_sag
-from cablepod.catenary._statics import load_plane, solve_statics
+from cablepod.catenary._statics import length_and_strain, load_plane
 from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
@@ -53,8 +54,8 @@ def _check_functions(p: Parameters) -> None:
 
 def _check_statics(p: Parameters) -> None:
     """Refuse tensions below the minimum, a weightless slack cable, and strains above the maximum."""
-    rest = solve_statics(p, p.length_key, p.length_value, prefix="cable")
-    length, strain = float(rest[0]), float(rest[4:].max()) / p.stiffness
+    length, strain = length_and_strain(p, p.length_key, p.length_value)
+    attachment_fractions(p, length)
     # a run with a free end that starts from given points is never at this equilibrium
     if strain > MAX_STRAIN and (p.free_end is None or "points" not in p.initial):
         if p.length_key == "sag":
@@ -66,8 +67,8 @@ def _check_statics(p: Parameters) -> None:
         )
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
-            initial = solve_statics(p, key, p.initial[key], prefix="initial")
-            stretch = (1.0 + float(initial[4:].max()) / p.stiffness) * float(initial[0]) / length
+            initial_length, initial_strain = length_and_strain(p, key, p.initial[key], prefix="initial")
+            stretch = (1.0 + initial_strain) * initial_length / length
             _check_stretch(f"initial.{key}", p.initial[key], stretch)
     if p.free_end is None:
         _check_between_ends(p, length)
@@ -124,11 +125,13 @@ def _check_loads(p: Parameters, length: float) -> None:
     held = [place for place, end in ((0.0, "lower"), (1.0, "upper")) if end != p.free_end]
     below = np.zeros((time.size, p.dims))  # sum of the point loads below a point
     between = [below]  # loads between the lower end and each point at which the tension may be largest
-    for load in sorted(p.point_loads, key=lambda load: load.fraction):
-        if load.fraction in held:
+    places = [(load.fraction, f"{load.key}.force", load.force, load.factor) for load in p.point_loads]
+    places += [(item.fraction(length), f"{item.key}.mass", item.weight, None) for item in p.attachments if item.mass]
+    for fraction, key, at_place, factor in sorted(places, key=lambda place: place[0]):
+        if fraction in held:
             continue  # carried by the support
-        force = forces[f"{load.key}.force"] = _force_at(time, load.force, load.factor)
-        between += [below + load.fraction * distributed, below + load.fraction * distributed + force]
+        force = forces[key] = _force_at(time, at_place, factor)
+        between += [below + fraction * distributed, below + fraction * distributed + force]
         below = below + force
     between.append(below + distributed)
     ends = {"lower": between[0], "upper": between[-1]}
@@ -136,11 +139,12 @@ def _check_loads(p: Parameters, length: float) -> None:
         tension = 0.5 * max(_largest(place - end) for place in between for end in ends.values())
     else:
         tension = max(_largest(place - ends[p.free_end]) for place in between)
-    if tension > MAX_STRAIN * p.stiffness:
+    stiffness = max([p.stiffness, *(segment.stiffness for segment in p.segments)])
+    if tension > MAX_STRAIN * stiffness:
         key = max(forces, key=lambda key: _largest(forces[key]))
         raise SceneError(
             f"{key}: given loads of {_largest(forces[key]):.4g} N in all at their largest; allowed: loads that strain the cable, "
-            f"of an axial stiffness of {p.stiffness:g} N, by at most {MAX_STRAIN:g} at rest (it is {tension / p.stiffness:.3g} "
+            f"of an axial stiffness of {stiffness:g} N, by at most {MAX_STRAIN:g} at rest (it is {tension / stiffness:.3g} "
             "or more; moduli are in Pa, areas in m2, stiffnesses in N)"
         )
 

@@ -18,19 +18,19 @@ from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.conventions import COORDINATES, label, shared_coordinates
 from cablepod.errors import SceneError, shown
-from cablepod.parameters._checks import point
+from cablepod.parameters._checks import direction, point
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import (
     key_at,
+    listed_path,
     motion_path,
     nested,
     number_at,
-    point_load_path,
     replaced,
     value_at,
     variable_name,
 )
-from cablepod.parameters._keys import POINT_LOAD, TABLES, TOP, Key, time_function_keys
+from cablepod.parameters._keys import LISTED, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._mast import mast_parameters
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
@@ -217,10 +217,11 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
         for axis, function in axes.items():
             long_name = f"displacement of the {end} end along {axis}"
             variables |= _time_function_variables(motion_path(end, axis), function, "m", long_name)
-    for number, load in enumerate(tree.get("point_load", []), start=1):
-        path = point_load_path(number)
-        variables |= _table_variables(path, load, POINT_LOAD)
-        variables |= _time_function_variables(path, load, "1", f"factor of point load {number}")
+    for name, keys in LISTED.items():
+        for number, table in enumerate(tree.get(name, []), start=1):
+            path = listed_path(name, number)
+            variables |= _table_variables(path, table, {key: keys[key] for key in keys if key in table})
+            variables |= _time_function_variables(path, table, "1", f"factor of point load {number}")
     dims = len(tree["ends"]["lower"])
     scene = xr.Dataset(variables, coords=shared_coordinates({"coordinate": list(COORDINATES[:dims])}))
     label(scene[["coordinate"]])
@@ -284,9 +285,9 @@ def _time_function_variables(path: str, table: Mapping[str, Any], units: str, lo
 
 def _variable(name: str, value: Any, key: Key) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
     """Make dimensions, values and attributes of the variable of a key."""
-    attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units else {})
+    attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units and not isinstance(value, str) else {})
     array = np.asarray(value)
     if array.ndim == 0:
         return (), array, attrs
-    dims = ("coordinate",) if key.check is point else (f"{name}_item",)
+    dims = ("coordinate",) if key.check in (point, direction) else (f"{name}_item",)
     return (dims if array.ndim == 1 else (f"{name}_point", "coordinate")), array.astype(float), attrs

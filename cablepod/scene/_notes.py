@@ -229,7 +229,9 @@ def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit
 
 
 def likely_keys(p: Parameters) -> list[tuple[str, str]]:
-    """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units."""
+    """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units; of uniform cables."""
+    if p.segments or p.attachments:
+        return []
     keys = [*(["area"] if p.area is not None else []), p.stiffness_key, p.weight_key, p.length_key, "ends"]
     keys += ["gravity"] if p.weight_key != "specific_weight" else []
     keys += ["motion"] if p.motions else []

@@ -13,7 +13,7 @@ from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, did_you_mean, scene_error, shown
 from cablepod.parameters._checks import numbers_list, point, text
 from cablepod.parameters._key_paths import dotted, flat, key_at, number_at, number_paths, replaced, value_at
-from cablepod.parameters._keys import ENSEMBLE, TABLES, Key, join
+from cablepod.parameters._keys import ENSEMBLE, LISTED, TABLES, Key, join
 
 #: Folder of relative paths of records of scenes made in Python.
 HERE = Path()
@@ -256,7 +256,7 @@ KEYS_OF_WORDS = {
 #: Texts that may vary beside words: files of records.
 RECORDS = ("path", "record")
 #: Tables that a range makes with the keys of other ranges and defaults; those with a number or a kind must be there.
-LISTED_TABLES = ("motion", "point_load", "guy", "cables", "mast")
+LISTED_TABLES = ("motion", *LISTED, "guy", "cables", "mast")
 
 
 def key_of_range(

@@ -1,0 +1,249 @@
+"""Cables of several segments with masses on them at rest, against a closed form in 40 digits and an ODE solver."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from references import hanging_mass_mpmath as reference
+from scipy.integrate import solve_ivp
+
+import cablepod as cp
+from cablepod.catenary._piecewise import solve_pieces
+from cablepod.catenary._statics import piecewise_statics, solve_statics
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import Segment
+
+MP = reference.MP
+SPAN, RISE, GRAVITY = 20.4, 57.7, 9.81
+CABLE = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0}
+#: A wire of the upper part, and an insulator between the two.
+WIRE, MASS = {"youngs_modulus": 1.1e11, "area": 9e-5, "density": 7000.0}, 60.0
+#: Rounding of the length of a taut cable, 1e-16, grows by K/T = 1e3 to 1e4 in its tension.
+RTOL = 1e-12
+
+
+def scene(tables: dict[str, Any], **length: float) -> Any:
+    """Make a guy with segments and attachments."""
+    ends = {"lower": [0.0, 0.0], "upper": [SPAN, RISE]}
+    return cp.make_scene({"cable": {**CABLE, **length}, "ends": ends, **tables})
+
+
+def stiffness_and_weight(cable: dict[str, float]) -> tuple[Any, Any]:
+    """Return K [N] and w [N/m] of a cable."""
+    area = MP.mpf(cable["area"])
+    return cable["youngs_modulus"] * area, cable["density"] * area * GRAVITY
+
+
+HUNG = {
+    "mass by fraction": {"attachment": [{"arc_length": 0.3, "mass": MASS}]},
+    "mass by distance": {"attachment": [{"distance_from_upper": 6.0, "mass": MASS}]},
+    "parts": {"segment": [{"to": 0.35}, {"from": 0.35, **WIRE}]},
+    "parts and mass": {
+        "segment": [{"to": 0.35}, {"from": 0.35, **WIRE}],
+        "attachment": [{"distance_from_lower": 0.5, "mass": MASS}],
+    },
+}
+
+
+def parts_of(name: str) -> reference.Parts:
+    """Return the parts of a cable of :data:`HUNG` for the reference."""
+    (k1, w1), (k2, w2) = stiffness_and_weight(CABLE), stiffness_and_weight(WIRE)
+    load = MP.mpf(MASS) * GRAVITY
+    return {
+        "mass by fraction": lambda length: [(0.3 * length, k1, w1, load), (0.7 * length, k1, w1, 0)],
+        "mass by distance": lambda length: [(length - 6, k1, w1, load), (MP.mpf(6), k1, w1, 0)],
+        "parts": lambda length: [(0.35 * length, k1, w1, 0), (0.65 * length, k2, w2, 0)],
+        "parts and mass": lambda length: [
+            (MP.mpf(0.5), k1, w1, load),
+            (0.35 * length - 0.5, k1, w1, 0),
+            (0.65 * length, k2, w2, 0),
+        ],
+    }[name]
+
+
+GIVEN = {"unstretched_length": 61.3, "top_tension": 15000.0, "bottom_tension": 9000.0, "horizontal_force": 4000.0}
+SLACK = {"unstretched_length": 75.0, "horizontal_force": 200.0}
+
+
+@pytest.mark.parametrize("name", HUNG)
+@pytest.mark.parametrize(("key", "value"), [*GIVEN.items(), *SLACK.items()])
+def test_hanging_mass_and_parts_by_the_closed_form(name: str, key: str, value: float) -> None:
+    p = parameters(scene(HUNG[name], **{key: value}))
+    solved = piecewise_statics(p, key, value)
+    start = [*solved.force, solved.total]
+    h, v0, v1, length = reference.solve(parts_of(name), SPAN, RISE, key, value, start)
+    lower, upper = MP.hypot(h, v0), MP.hypot(h, v1)
+    expected = np.array([length, h, lower, upper], dtype=float)
+    np.testing.assert_allclose(
+        solved.columns[[0, 2, 4, 5]], expected, rtol=RTOL if key == "unstretched_length" else 1e-13
+    )
+
+
+def test_mass_on_a_level_cable_hangs_at_the_kink_and_rest_tells_its_shape() -> None:
+    made = cp.make_scene(
+        {
+            "cable": {**CABLE, "unstretched_length": 52.0},
+            "ends": {"lower": [0.0, 0.0], "upper": [50.0, 0.0]},
+            "attachment": [{"arc_length": 0.5, "mass": 100.0}],
+        }
+    )
+    rest = cp.catenary.rest(made, points=101)
+    weight = 52.0 * float(CABLE["density"]) * CABLE["area"] * GRAVITY + 100.0 * GRAVITY
+    lower, upper = rest.position.values[[0, -1]]
+    np.testing.assert_allclose(np.concatenate([lower, upper]), [0.0, 0.0, 50.0, 0.0], atol=1e-12)
+    assert float(rest.position[50, 0]) == pytest.approx(25.0, abs=1e-12)
+    vertical = math.sqrt(float(rest.tension_lower) ** 2 - float(rest.horizontal_force) ** 2)
+    assert vertical == pytest.approx(weight / 2.0, rel=1e-12)
+    assert int(np.argmin(rest.position.values[:, 1])) == 50
+    chords = np.sqrt((np.diff(rest.position.values, axis=0) ** 2).sum(axis=1)).sum()
+    assert float(rest.stretched_length) == pytest.approx(chords, rel=1e-6)  # chords of 101 points are that much shorter
+
+
+def in_space(seed: int) -> Any:
+    """Make a cable in space under a load across its weight, so that no two parts have loads in one direction."""
+    rng = np.random.default_rng(seed)
+    segments = [
+        {"to": 0.2, "density": 900.0},
+        {"to": 0.7, "area": 3e-4},
+        {"density": float(rng.uniform(5e3, 2e4)), "youngs_modulus": 2e10},
+    ]
+    attachments = [
+        {"arc_length": float(rng.uniform(0.1, 0.9)), "mass": float(rng.uniform(1.0, 300.0))},
+        {"distance_from_upper": 3.0, "mass": 5.0},
+    ]
+    upper = [30.0, float(rng.uniform(-40.0, 40.0)), 15.0]
+    length = math.hypot(*upper) * float(rng.uniform(0.999, 1.3))
+    return {
+        "cable": {**CABLE, "unstretched_length": length},
+        "ends": {"lower": [0.0, 0.0, 0.0], "upper": upper},
+        "segment": segments,
+        "attachment": attachments,
+        "load": {"uniform": [3.0, 0.0, -7.0]},
+    }
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_loads_in_several_directions_by_an_ode_solver(seed: int) -> None:
+    p = parameters(cp.make_scene(in_space(seed)))
+    solved = piecewise_statics(p, "unstretched_length", p.length_value)
+    position, force = np.zeros(3), solved.force
+    borders = [0.0, 0.2 * solved.total, 0.7 * solved.total, solved.total]
+    masses = sorted((item.fraction(solved.total) * solved.total, item.mass) for item in p.attachments)
+    stretched = 0.0
+    for first, last in itertools.pairwise(sorted([*borders, *(place for place, _ in masses)])):
+        segment = p.segments[int(np.searchsorted(borders, 0.5 * (first + last))) - 1]
+        load = np.array([3.0, -segment.mass * GRAVITY, -7.0])
+
+        def slope(s: float, y: np.ndarray) -> np.ndarray:
+            here = force - load * (s - first)  # noqa: B023
+            tension = np.sqrt(here @ here)
+            return np.append(here / tension + here / segment.stiffness, 1.0 + tension / segment.stiffness)  # noqa: B023
+
+        end = solve_ivp(
+            slope, (first, last), np.append(position, stretched), method="DOP853", rtol=1e-12, atol=1e-12
+        ).y[:, -1]
+        position, stretched = end[:3], end[3]
+        at_end = solved.at(np.array([last]))
+        np.testing.assert_allclose(at_end[0][0], position, rtol=0.0, atol=1e-9)  # tolerance of the ODE solver, 50 m
+        force = force - load * (last - first)
+        np.testing.assert_allclose(at_end[1][0], force, rtol=0.0, atol=1e-9)
+        force = force + np.array([0.0, sum(mass * GRAVITY for place, mass in masses if place == last), 0.0])
+    np.testing.assert_allclose(position, np.subtract(*p.initial_ends[::-1]), rtol=0.0, atol=1e-9)
+    assert solved.columns[1] == pytest.approx(stretched, rel=1e-11)
+    for key, column in (("top_tension", 5), ("bottom_tension", 4), ("horizontal_force", 2)):
+        again = solve_pieces(p, key, float(solved.columns[column]), "cable")
+        assert again.columns[column] == pytest.approx(solved.columns[column], rel=1e-12)
+        assert again.total <= solved.total * (1.0 + 1e-12)  # the shorter one of two
+
+
+@pytest.mark.parametrize("length", [60.0, 61.156, 61.3, 65.0, 300.0])
+def test_equal_parts_are_a_uniform_cable(length: float) -> None:
+    p = parameters(scene({}, unstretched_length=length))
+    part = Segment(0.0, 0.3, p.stiffness, p.area, p.mass, p.weight, None, 1.2, None)
+    cut = replace(p, segments=(part, replace(part, start=0.3, end=1.0)))
+    uniform = solve_statics(p, "unstretched_length", length)
+    np.testing.assert_allclose(solve_statics(cut, "unstretched_length", length), uniform, rtol=RTOL)
+    for key, column in (("top_tension", 5), ("bottom_tension", 4), ("horizontal_force", 2)):
+        expected = solve_statics(p, key, float(uniform[column]))
+        np.testing.assert_allclose(solve_statics(cut, key, float(uniform[column])), expected, rtol=1e-13)
+    with pytest.raises(cp.SceneError, match=r"^cable\.top_tension: given 500\.0; allowed: at least 628\.132 N"):
+        solve_statics(cut, "top_tension", 500.0)
+
+
+def test_ice_grows_after_tensioning() -> None:
+    tables = {
+        "segment": [{"to": 0.4, "diameter": 0.02}, {"diameter": 0.01}],
+        "attachment": [{"arc_length": 0.5, "mass": MASS}],
+    }
+    bare = cp.catenary.rest(scene(tables, top_tension=15000.0, diameter=0.014))
+    tables["ice"] = {"thickness": 0.02}
+    iced = cp.catenary.rest(scene(tables, top_tension=15000.0, diameter=0.014))
+    assert float(iced.unstretched_length) == float(bare.unstretched_length)
+    ice = 700.0 * math.pi * 0.02 * (0.4 * (0.02 + 0.02) + 0.6 * (0.01 + 0.02)) * float(bare.unstretched_length)
+
+    def vertical(rest: Any) -> float:
+        ends = (
+            math.sqrt(float(rest[end]) ** 2 - float(rest.horizontal_force) ** 2)
+            for end in ("tension_lower", "tension_upper")
+        )
+        lower, upper = ends
+        return upper - lower
+
+    assert vertical(iced) - vertical(bare) == pytest.approx(GRAVITY * ice, rel=1e-9)  # differences of forces of 15 kN
+
+
+def test_what_no_cable_has_is_refused_by_key() -> None:
+    mass = {"attachment": [{"arc_length": 0.4, "mass": MASS}]}
+    with pytest.raises(
+        cp.SceneError, match=r"^cable\.top_tension: given 800\.0; allowed: at least \d+\.\d+ N"
+    ) as error:
+        scene(mass, top_tension=800.0)
+    least = float(str(error.value).split("at least ")[1].split(" N")[0])
+    scene(mass, top_tension=least * (1.0 + 1e-5))
+    with pytest.raises(
+        cp.SceneError, match=r"^attachment\.1\.distance_from_lower: given 70\.0; allowed: at most 61\.\d+ m"
+    ):
+        scene({"attachment": [{"distance_from_lower": 70.0, "mass": MASS}]}, top_tension=15000.0)
+    upright = {"cable": {**CABLE, "horizontal_force": 10.0}, "ends": {"lower": [0.0, 0.0], "upper": [0.0, 50.0]}}
+    with pytest.raises(cp.SceneError, match=r"^cable\.horizontal_force: given 10\.0; allowed: a tension or a length"):
+        cp.make_scene({**upright, **mass})
+    slack = {"cable": {**CABLE, "unstretched_length": 60.0}, "ends": {"lower": [0.0, 0.0], "upper": [0.0, 50.0]}}
+    with pytest.raises(
+        cp.SceneError, match=r"^cable\.unstretched_length: given 60\.0; allowed: at most the chord, 50 m"
+    ):
+        cp.make_scene({**slack, **mass, "gravity": 0.0})
+
+
+def test_vertical_cable_with_a_mass_hangs_folded() -> None:
+    ends = {"lower": [0.0, 0.0], "upper": [0.0, 50.0]}
+    mass = [{"arc_length": 0.4, "mass": MASS}]
+    rest = cp.catenary.rest(
+        cp.make_scene({"cable": {**CABLE, "unstretched_length": 60.0}, "ends": ends, "attachment": mass})
+    )
+    w, force = float(CABLE["density"]) * CABLE["area"] * GRAVITY, MASS * GRAVITY
+    # the mass hangs on the upper part; the lower part, longer than the height of the mass, hangs folded between it and the end
+    total = float(rest.tension_upper) + float(rest.tension_lower)
+    assert total == pytest.approx(60.0 * w + force, rel=1e-12)
+    assert float(rest.position[-1, 1]) == pytest.approx(50.0, rel=1e-13)
+
+
+def test_members_have_their_own_places() -> None:
+    made = scene(
+        {"segment": [{"to": 0.4}, dict(WIRE)], "attachment": [{"arc_length": 0.5, "mass": 1.0}]}, top_tension=15000.0
+    )
+    values = {"segment.1.to": [0.3, 0.6], "attachment.1.arc_length": [0.2, 0.8], "attachment.1.mass": [10.0, 90.0]}
+    rest = cp.catenary.rest(cp.ensemble.design(made, values, members=2, sampling="list"))
+    for k in range(2):
+        tables = {
+            "segment": [{"to": values["segment.1.to"][k]}, dict(WIRE)],
+            "attachment": [
+                {"arc_length": values["attachment.1.arc_length"][k], "mass": values["attachment.1.mass"][k]}
+            ],
+        }
+        alone = cp.catenary.rest(scene(tables, top_tension=15000.0))
+        np.testing.assert_array_equal(rest.position[k], alone.position)
