@@ -50,6 +50,8 @@ def test_heights_that_label_results_are_those_of_the_scene():
     np.testing.assert_array_equal(rest["level"], [28.0, 30.0])
     np.testing.assert_array_equal(rest["guy_level"], warm["guy_level"])
     np.testing.assert_allclose(rest["node_height"], warm["node_height"], rtol=0, atol=6e-9)  # eight decimals
+    np.testing.assert_array_equal(rest["element_top"], rest["node_height"][1:])
+    np.testing.assert_array_equal(rest["element_bottom"], rest["node_height"][:-1])
     assert float(rest["displacement"].sel(level=30.0, coordinate="x")) == float(rest["displacement"][-1, 0])
 
 
