@@ -98,6 +98,7 @@ def test_expansions_that_are_missing_are_named():
 
 def test_ice_and_temperature_together():
     mapping = {**copy.deepcopy(COLD), "ice": {"thickness": 0.01}}
+    mapping["mast"]["diameter"] = 0.2
     iced, bare = cp.mast.rest(cp.make_scene(mapping)), cp.mast.rest(cp.make_scene(COLD))
     np.testing.assert_allclose(iced["guy_length"], bare["guy_length"], rtol=1e-15)
     assert (iced["guy_tension"] > bare["guy_tension"]).all()
