@@ -34,6 +34,7 @@ REPEATED = (
     "ensemble",
     "paper",
     "pod",
+    "study",
     "wind",
     *(model.sub_package for model in MODELS.values()),
 )
@@ -167,7 +168,7 @@ def _obstacle(stage: Mapping[str, Any], names: Mapping[str, str]) -> str:
     digested = list(_digests(parameters))
     if digested:
         return f"only a digest is kept of {', '.join(digested)}"
-    if function.startswith("study."):
+    if function.startswith("study.") and _callable(function) is None:
         return "it is a table of a study, with measured run times; try: run the study again"
     return "" if callable(_callable(function)) else "that is no function of the package to call by itself"
 

@@ -91,8 +91,10 @@ def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Map
     coords: dict[str, Any] = {name: value for name, value in coordinates.items()}
     if "level" in coords:
         coords["level"] = p.given_heights(coords["level"])
-    if "node_height" in coords:
-        coords["node_height"] = ("node", p.given_heights(coords["node_height"][1]))
+    for name in ("node_height", "element_bottom", "element_top"):
+        if name in coords:
+            dim, heights = coords[name]
+            coords[name] = (dim, p.given_heights(heights))
     if "coordinate" in used:
         coords["coordinate"] = list(COORDINATES)
     if "guy" in used and p.guys:

@@ -50,6 +50,8 @@ def test_heights_that_label_results_are_those_of_the_scene():
     np.testing.assert_array_equal(rest["level"], [28.0, 30.0])
     np.testing.assert_array_equal(rest["guy_level"], warm["guy_level"])
     np.testing.assert_allclose(rest["node_height"], warm["node_height"], rtol=0, atol=6e-9)  # eight decimals
+    np.testing.assert_array_equal(rest["element_top"], rest["node_height"][1:])
+    np.testing.assert_array_equal(rest["element_bottom"], rest["node_height"][:-1])
     assert float(rest["displacement"].sel(level=30.0, coordinate="x")) == float(rest["displacement"][-1, 0])
 
 
@@ -96,6 +98,7 @@ def test_expansions_that_are_missing_are_named():
 
 def test_ice_and_temperature_together():
     mapping = {**copy.deepcopy(COLD), "ice": {"thickness": 0.01}}
+    mapping["mast"]["diameter"] = 0.2
     iced, bare = cp.mast.rest(cp.make_scene(mapping)), cp.mast.rest(cp.make_scene(COLD))
     np.testing.assert_allclose(iced["guy_length"], bare["guy_length"], rtol=1e-15)
     assert (iced["guy_tension"] > bare["guy_tension"]).all()

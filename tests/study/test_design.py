@@ -15,6 +15,7 @@ from mast_scenes import WIND, small
 
 import cablepod as cp
 from cablepod import cli
+from cablepod.archive import _lineage
 from cablepod.cli._design import text
 from cablepod.study._design_numbers import CABLE, joined
 
@@ -215,6 +216,31 @@ def test_scenes_without_wind_time_or_turbulence_are_refused():
     scenes = cp.ensemble.design(small(windy), {"wind.speed": [10.0, 20.0]}, members=2)
     with pytest.raises(cp.SceneError, match=r"^scene: given several members"):
         cp.study.design(scenes, **options)
+
+
+def test_a_damage_by_stress_needs_areas():
+    def stiff(mapping):
+        windy(mapping)
+        cable = mapping["cables"]["guy"]
+        mapping["cables"]["guy"] = {
+            "axial_stiffness": cable["youngs_modulus"] * cable["area"], "mass_per_length": cable["density"] * cable["area"],
+            "diameter": cable["diameter"],
+        }  # fmt: skip
+
+    options = {"directions": [0.0], "speeds": [20.0], "storms": 1}
+    with pytest.raises(cp.SceneError, match=r"^reference_range: given for cables without an area"):
+        cp.study.design(small(stiff), **options, shares=[0.1], **CURVE)
+    table = cp.study.design(small(stiff), **options)
+    np.testing.assert_allclose(
+        table.guy_tension_peak, cp.study.design(small(windy), **options).guy_tension_peak, rtol=1e-9
+    )
+
+
+def test_a_lineage_script_makes_the_table_again(tmp_path, table):
+    cp.archive.write(table, tmp_path / "table.nc")
+    script = _lineage.script(cp.archive.read(tmp_path / "table.nc"))
+    assert "cannot be made again" not in script
+    assert "cp.study.design(" in script
 
 
 def test_failed_storms_are_nan_and_counted():
