@@ -39,10 +39,13 @@ def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
     condensed = cp.condensed.simulate(scene, normal, rank=2)
     wind = {"speed": 5.0, "direction": [1.0, 0.0, 0.0] if spatial else [1.0, 0.0], "ground": -99.0}
     soft = SPATIAL if spatial else SOFT
+    warm = cp.make_scene({**soft, "cable": {**soft["cable"], "thermal_expansion": 1e-4}})
     windy = cp.make_scene({**soft, "cable": {**soft["cable"], "diameter": 0.01}, "wind": wind})
     return {
         "scene": scene,
         "windy": windy,
+        "warm": warm,
+        "stringing": cp.catenary.stringing(warm, [0.0, 20.0]),
         "gusts": cp.wind.field(windy, times=[0.0, 1.0]),
         "members": members,
         "rest": cp.chain.rest(scene),
@@ -80,6 +83,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "cable.summary": (("scene",), {}),
     "mast.summary": (("mast",), {}),
     "catenary.rest": (("scene",), {}),
+    "catenary.stringing": (("warm",), {"temperatures": [0.0, 20.0]}),
     "chain.rest": (("scene",), {}),
     "chain.simulate": (("scene",), {"step": 1e-3}),
     "compare.errors": (("condensed", "chain"), {}),
@@ -121,6 +125,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.snapshots": (("chain", "chain"), {}),
     "plots.stability": (("comparison",), {}),
     "plots.stability_map": (("map",), {}),
+    "plots.stringing": (("stringing",), {}),
     "plots.tension": (("chain",), {}),
     "plots.wind_field": (("gusts",), {}),
     "pod.at_times": (("chain",), {"times": [0.0, 1.0]}),

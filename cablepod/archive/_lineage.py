@@ -39,6 +39,9 @@ REPEATED = (
     *(model.sub_package for model in MODELS.values()),
 )
 
+#: Options that may be given by position too.
+POSITIONAL = ("ranges", "temperatures")
+
 
 def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
     """List the stages that led to a dataset, its own last, in order of execution.
@@ -229,7 +232,7 @@ def _options(function: str) -> set[str]:
     if found is None:
         raise ValueError(function)
     arguments = inspect.signature(found).parameters
-    return {name for name, arg in arguments.items() if arg.kind is arg.KEYWORD_ONLY or name == "ranges"}
+    return {name for name, arg in arguments.items() if arg.kind is arg.KEYWORD_ONLY or name in POSITIONAL}
 
 
 def _digests(value: Any, key: str = "") -> Iterator[str]:

@@ -215,6 +215,11 @@ def _in_still_air(p: Parameters, numbers: StaticNumbers) -> dict[str, Any]:
 
 def _in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     """Return the numbers as :func:`_in_still_air` about rest in the mean wind; `sag` is that in still air [m]."""
+    return rest_in_wind(p, length, sag) | dict(zip(PLANES, _frequencies_in_wind(p), strict=True))
+
+
+def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
+    """Return the numbers of the rest in the mean wind by name; `sag` is that in still air, normal to the chord [m]."""
     lower, upper = p.initial_ends
     p = replace(
         p, lower=lower, upper=upper, motions={}, length_key="unstretched_length", length_value=length, initial={}
@@ -237,14 +242,13 @@ def _in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     down = total / max(float(np.linalg.norm(total)), 1e-300)
     across = reach - (reach @ down) * down
     share = (off @ across) / max(float(across @ across), 1e-300)  # of the chord above each point
-    result = _at_rest(
+    return _at_rest(
         p, chord, float(tension.max()), float(np.sqrt(square(off - (off @ along)[:, None] * along)).max()),
         stretched_length=float(mesh.length @ stretch), tension_lower=float(tension[0]), tension_upper=float(tension[-1]),
         horizontal_force=float(np.linalg.norm(normal_to_load)),
         irvine_parameter=(float(np.linalg.norm(transverse)) * length / mean) ** 2 * p.stiffness / mean,
         sag_below_chord=float(((off - share[:, None] * reach) @ down).max()),
     )  # fmt: skip
-    return result | dict(zip(PLANES, _frequencies_in_wind(p), strict=True))
 
 
 def _frequencies_in_wind(p: Parameters) -> tuple[np.ndarray, np.ndarray]:

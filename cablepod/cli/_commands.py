@@ -16,7 +16,7 @@ from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.archive._write import check_target
-from cablepod.cli import _arguments, _design, _group, _map, _mast, _periodic, _report, _summary, _templates
+from cablepod.cli import _arguments, _design, _group, _map, _mast, _periodic, _report, _stringing, _summary, _templates
 from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
 from cablepod.errors import SceneError
@@ -308,6 +308,35 @@ def check_command(scene: str) -> None:
         numbers = summary(dataset)
     say("\n".join(filter(None, (_summary.table(numbers), _summary.remarks(dataset), _summary.ensemble_of(dataset)))))
     warn_of_velocity_jump(parameters(dataset))
+
+
+@commands.command("stringing", **_templates.texts("stringing"))
+@SCENE
+@click.option(
+    "--temperatures",
+    required=True,
+    nargs=3,
+    type=float,
+    metavar="LOW HIGH COUNT",
+    help="equally spaced temperatures [degrees Celsius]",
+)
+@click.option(
+    "--cases",
+    metavar="FILE.toml",
+    shell_complete=_arguments.complete_file,
+    help="tables [NAME.ice] and [NAME.wind] in place of those of the scene; an empty [NAME] is without both",
+)
+@click.option(
+    "--out",
+    metavar="DIR",
+    shell_complete=_arguments.complete_folder,
+    help="folder for the table and its figures; made if missing (default: the table is printed alone)",
+)
+@REPLACE
+def stringing_command(**options: Any) -> None:
+    """Print tension, sag and first frequencies over temperature."""
+    with telling_of_compilation():
+        _stringing.stringing(**options)
 
 
 def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: Model, overwrite: bool) -> xr.Dataset | None:

@@ -98,6 +98,16 @@ TEXTS = {
             "cablepod tongues guy.toml --out out/tongues --frequency 4 16 --amplitude 0.01 --points 100",
         ),
     ),
+    "stringing": Texts(
+        "tension, sag and first frequencies of a cable over temperature, with ice and in the mean wind",
+        "A table in kN, m and Hz of a cable with cable.thermal_expansion. What a scene gives holds at its reference temperature "
+        "without ice and wind. With --out netCDF and figures.",
+        "SCENE.toml: scene file of one cable",
+        (
+            "cablepod stringing guy.toml --temperatures -20 40 7",
+            "cablepod stringing guy.toml --temperatures -20 40 7 --cases cases.toml --out out/stringing",
+        ),
+    ),
     "info": Texts(
         "what a file holds and how it was made",
         "What each netCDF file or an ensemble holds, its units, and how it was made.",

@@ -12,6 +12,7 @@ from cablepod.plots._modes import amplitudes, modes, singular_values
 from cablepod.plots._orbits import animate_orbit, orbit
 from cablepod.plots._periodic import backbone, frequency_response, multipliers, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
+from cablepod.plots._stringing import stringing
 from cablepod.plots._style import COLOURS, LINES, MARKERS, SIGMA
 from cablepod.plots._wind import spectra, tension_cycles, wind_field
 
@@ -45,6 +46,7 @@ __all__ = [
     "spectra",
     "stability",
     "stability_map",
+    "stringing",
     "tension",
     "tension_cycles",
     "wind_field",

@@ -66,9 +66,17 @@ def test_a_sag_gives_the_cable_of_fifty_digits(case):
 
 @pytest.mark.parametrize("sag", [1e-6, 1e-3, 1.0, 30.0, 1e4, 1e8])
 def test_the_sag_of_the_result_is_the_given_one(sag):
-    numbers = cp.summary(scene_of(30.0, 40.0, 9.81, 1e12, sag))
-    assert float(numbers["sag_below_chord"]) == pytest.approx(sag, rel=1e-12)
-    assert float(numbers["sag"]) == pytest.approx(0.6 * sag, rel=1e-12)  # cosine of the chord's inclination
+    rest = cp.catenary.rest(scene_of(30.0, 40.0, 9.81, 1e12, sag))
+    force = float(rest["horizontal_force"])  # which has the condition of the sag, where a length has K/T times that
+    solved = cp.catenary.solve(30.0, 40.0, 9.81, 1e12, horizontal_force=force)
+    statics = [float(number) for number in solved.values()]
+    assert sag_of((30.0, 40.0, 50.0, 9.81), 1e12, statics) == pytest.approx(sag, rel=1e-12)
+
+
+def test_a_summary_tells_both_sags():
+    numbers = cp.summary(scene_of(30.0, 40.0, 9.81, 2e7, 0.7))
+    assert float(numbers["sag_below_chord"]) == pytest.approx(0.7, rel=1e-12)
+    assert float(numbers["sag"]) == pytest.approx(0.6 * 0.7, rel=1e-12)  # cosine of the chord's inclination
 
 
 def test_members_of_given_sags_are_those_of_single_scenes():

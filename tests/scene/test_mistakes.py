@@ -23,7 +23,11 @@ def nested(depth: int) -> Any:
 
 MISTAKES = [
     # unknown and missing keys and tables
-    ("cables", {}, r"^cables: unknown key or table; allowed: title, gravity, cable, ends, .*ensemble; try: cable$"),
+    (
+        "cables",
+        {},
+        r"^cables: unknown key or table; allowed: title, gravity, temperature, .*, cable, ends, .*; try: cable$",
+    ),
     (
         "cable.aera",
         1.0,

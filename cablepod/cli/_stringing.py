@@ -1,0 +1,111 @@
+"""Define the command of stringing tables: tension, sag and first frequencies over temperature."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import archive
+from cablepod.archive._figure import write_figure
+from cablepod.archive._folder import prepare_folder
+from cablepod.cli import _arguments, _group
+from cablepod.cli._group import say
+from cablepod.errors import SceneError, named
+from cablepod.examples import scene_path
+from cablepod.parameters._keys import TOP
+from cablepod.scene._files import LARGEST_SCENE, read_text
+from cablepod.scene._read import read_scene
+
+#: Files of the command.
+TABLE, FIGURES = "stringing.nc", ("tension.png", "sag.png")
+#: Variable, head of its column, factor, digits after the point.
+COLUMNS = (
+    ("tension_upper", "upper kN", 1e-3, 3),
+    ("tension_lower", "lower kN", 1e-3, 3),
+    ("horizontal_force", "horizontal kN", 1e-3, 3),
+    ("sag", "sag m", 1.0, 3),
+    ("unstretched_length", "length m", 1.0, 3),
+    ("utilisation", "used %", 100.0, 1),
+)
+
+
+def stringing(
+    scene: str, temperatures: tuple[float, float, float], cases: str | None, out: str | None, overwrite: bool
+) -> None:
+    """Print the table of a scene; with a folder write it and its figures."""
+    _group.import_matplotlib()
+    values = _temperatures(temperatures)
+    named_cases = None if cases is None else _cases(Path(cases))
+    dataset = read_scene(scene_path(scene))
+    folder = None
+    if out is not None:
+        folder = _arguments.folder(out)
+        with _arguments.as_options():
+            prepare_folder(folder, (TABLE, *FIGURES), overwrite=overwrite)
+    from cablepod import catenary  # its imports take a second
+
+    table = catenary.stringing(dataset, values, cases=named_cases)
+    say("\n".join(_lines(table)))
+    if folder is None:
+        return
+    archive.write(table, folder / TABLE, overwrite=overwrite)
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from cablepod import plots
+
+    for name, variable in zip(FIGURES, ("tension_upper", "sag"), strict=True):
+        figure: Any = plots.stringing(table, variable=variable).figure
+        write_figure(figure, folder / name)
+    say(f"\n{folder}: {TABLE}, {', '.join(FIGURES)}")
+
+
+def _temperatures(given: tuple[float, float, float]) -> list[float]:
+    """Return the temperatures of the option [degC]."""
+    low, high, count = given
+    for value in (low, high):
+        TOP["temperature"].check("--temperatures", value)
+    if not low < high or not float(count).is_integer() or not 2 <= count <= 10**6:
+        shown = " ".join(f"{value:g}" for value in given)
+        raise SceneError(f"--temperatures: given {shown}; allowed: LOW below HIGH, and a whole COUNT of at least 2")
+    return [float(value) for value in np.linspace(low, high, int(count))]
+
+
+def _cases(path: Path) -> dict[str, Any]:
+    """Read the cases of a TOML file."""
+    name = named(str(path))
+    try:
+        found = tomllib.loads(read_text(path, "TOML file of cases", LARGEST_SCENE))
+    except ValueError as error:
+        raise SceneError(
+            f"--cases: {name}: not a TOML file: {error}; allowed: tables [NAME.ice], [NAME.wind]"
+        ) from None
+    if not found:
+        raise SceneError(f"--cases: {name}: has no tables; allowed: tables [NAME.ice], [NAME.wind], or [NAME]")
+    return found
+
+
+def _lines(table: xr.Dataset) -> Iterator[str]:
+    """Yield the lines of the printed table, in kN, m and Hz."""
+    is_of_cases = "case" in table.dims
+    yield table.attrs["title"] + ("" if is_of_cases else f", at rest in {table.attrs['air']}")
+    columns = [column for column in COLUMNS if column[0] in table]
+    names = [str(name) for name in table["case"].values] if is_of_cases else [""]
+    width = max(map(len, (*names, "case"))) + 2 if is_of_cases else 0
+    heads = "".join(f"{head:>{len(head) + 3}}" for _, head, _, _ in columns)
+    yield f"  {'case' if is_of_cases else '':<{width}}{'degC':>7}{heads}   first frequencies Hz"
+    for name in names:
+        rows = table.sel(case=name) if is_of_cases else table
+        for k, temperature in enumerate(rows["temperature"].values):
+            row = rows.isel(temperature=k)
+            cells = [
+                f"{factor * float(row[variable]):>{len(head) + 3}.{digits}f}"
+                for variable, head, factor, digits in columns
+            ]
+            hertz = "".join(f"{value:<9.4g}" for value in row["frequency"].values if not np.isnan(value)) or "not taut"
+            yield f"  {name:<{width}}{temperature:>7g}{''.join(cells)}   {hertz}".rstrip()

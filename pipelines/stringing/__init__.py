@@ -1,0 +1,1 @@
+"""Stringing tables by the exact catenary beside those by parabolas."""
