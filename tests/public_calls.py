@@ -119,6 +119,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.orbit": (("orbit",), {}),
     "plots.parameter_map": (("comparison",), {"variable": "error", "x": "a", "y": "b"}),
     "plots.phase_portraits": (("chain",), {}),
+    "plots.report": (("chain",), {"path": "page.html"}),
     "plots.rest": (("catenary", "rest"), {}),
     "plots.shapes": (("chain", "condensed"), {}),
     "plots.singular_values": (("modes",), {}),

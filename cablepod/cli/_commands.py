@@ -16,7 +16,19 @@ from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.archive._write import check_target
-from cablepod.cli import _arguments, _design, _group, _map, _mast, _periodic, _report, _stringing, _summary, _templates
+from cablepod.cli import (
+    _arguments,
+    _design,
+    _group,
+    _map,
+    _mast,
+    _page,
+    _periodic,
+    _report,
+    _stringing,
+    _summary,
+    _templates,
+)
 from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
 from cablepod.errors import SceneError
@@ -72,8 +84,9 @@ def commands() -> None:
     help="modes of each coordinate to try, 20 at most (default 1,2,4)",
 )
 @click.option("--json", "as_json", is_flag=True, help="print answers and table as JSON")
+@_page.OPTION
 @click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
-def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrite: bool) -> None:
+def run_command(scene: str, out: str | None, ranks: str, as_json: bool, page: str | None, overwrite: bool) -> None:
     """Run the study of one scene, print answers and the table of models."""
     path, numbers = scene_path(scene), _arguments.ranks(ranks)
     _group.import_matplotlib()
@@ -83,10 +96,13 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrit
         _group.note(
             "the [ensemble] table is left aside; this command runs the scene itself, cablepod ensemble its members"
         )
-    with telling_of_compilation(), Bars() as bars, _arguments.as_options():
+    target = _page.checked(page)
+    with telling_of_compilation(), Bars() as bars, _arguments.as_options(), _page.heard() as notes:
         result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars)
     report = _mast if "motion" in result else _report
-    say(report.as_json(result) if as_json else report.text(result, folder))
+    text = report.text(result, folder)
+    written = _page.write(target, result, text=text, notes=notes)
+    say(report.as_json(result) if as_json else "\n".join(filter(None, (text, written))))
 
 
 @commands.command("paper", **_templates.texts("paper"))
@@ -172,6 +188,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 @click.option("--workers", type=int, metavar="N", help="threads or processes (default: as many as cores)")
 @click.option("--batch", type=int, default=64, metavar="COUNT", help="members in a file (default 64)")
 @click.option("--hertz", is_flag=True, help="draw the map over frequencies in Hz")
+@_page.OPTION
 @click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
 @NO_VERIFY
 def ensemble_command(
@@ -184,6 +201,7 @@ def ensemble_command(
     workers: int | None,
     batch: int,
     hertz: bool,
+    page: str | None,
     overwrite: bool,
     verify: bool,
 ) -> None:
@@ -199,12 +217,13 @@ def ensemble_command(
     model = model or ("mast" if "mast_height" in dataset else "chain")
     chosen = model_of(model)
     check_scene_of_model(dataset, chosen)
+    target = _page.checked(page)
     scenes = ensemble.design(dataset)
     say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
     modes_dataset = (
         archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, chosen, overwrite)
     )
-    with telling_of_compilation(), member_bar(model, scenes.sizes["member"]) as progress:
+    with telling_of_compilation(), member_bar(model, scenes.sizes["member"]) as progress, _page.heard() as notes:
         results = ensemble.run(
             scenes,
             folder,
@@ -217,8 +236,12 @@ def ensemble_command(
             progress=progress,
             **dict(_arguments.model_option(text) for text in options),
         )
-    say("\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))]))
-    say(describe_ensemble(folder, brief=True))
+    peaks = "\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))])
+    say(peaks)
+    summary = describe_ensemble(folder, brief=True)
+    found = {"scene": dataset, "ensemble": results}
+    text = "\n".join((peaks, summary))
+    say("\n".join(filter(None, (summary, _page.write(target, found, text=text, notes=notes)))))
 
 
 @commands.command("design", **_templates.texts("design"))

@@ -10,6 +10,7 @@ from cablepod.plots._mast import bending_moments, guy_tensions, mast_shapes
 from cablepod.plots._mast_animation import animate_mast
 from cablepod.plots._modes import amplitudes, modes, singular_values
 from cablepod.plots._orbits import animate_orbit, orbit
+from cablepod.plots._page import report
 from cablepod.plots._periodic import backbone, frequency_response, multipliers, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
 from cablepod.plots._stringing import stringing
@@ -39,6 +40,7 @@ __all__ = [
     "orbit",
     "parameter_map",
     "phase_portraits",
+    "report",
     "rest",
     "shapes",
     "singular_values",

@@ -77,7 +77,9 @@ def taken(name: str, place: int, kind: str) -> bool:
     """Whether a Dataset of that stage, or that kind, is a valid argument."""
     stage, own = kind.removeprefix("stage "), CALLS[name][0][place]
     trajectories = {"chain", "condensed"}
-    if name in ("archive.describe", "archive.write") and (kind.startswith("stage") or kind.endswith("Dataset")):
+    if name in ("archive.describe", "archive.write", "plots.report") and (
+        kind.startswith("stage") or kind.endswith("Dataset")
+    ):
         return True  # any Dataset; what cannot be kept has a message of its own
     if name in ("plots.modes", "plots.singular_values") and stage in ("modes", "normal modes", "frequencies"):
         return True

@@ -1,0 +1,173 @@
+"""Figures of a page: what is drawn of which Datasets, as PNG."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from cablepod.plots import _cables, _maps, _mast, _modes, _periodic, _reports, _wind
+
+#: Size [inch] and resolution [dots per inch] of a figure: the width of A4 between its margins.
+SIZE, DOTS = (7.5, 4.2), 150
+#: Size below which bending moments are rounding [N m].
+MIN_MOMENT = 1e-9
+#: Variables of ensembles of which a map is drawn, the first that is there.
+MAPPED = ("guy_tension_maximum", "tension_maximum", "utilisation", "fatigue_range")
+
+
+class Drawing(NamedTuple):
+    """Caption of a figure, and what draws it on axes."""
+
+    caption: str
+    draw: Callable[..., Any]
+
+
+def drawings(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
+    """Yield what can be drawn of results by name, in the order of its worth to an engineer."""
+    for name, dataset in results.items():
+        if _has(dataset, "guy_tension", "time"):
+            yield Drawing(f"{name}: tension of each guy at the mast over time", partial(_mast.guy_tensions, dataset))
+    for name, dataset in results.items():
+        if _has(dataset, "tension", "time", "link") and dataset.sizes["link"] > 1:
+            yield Drawing(
+                f"{name}: tension over time and place along the cable, hatched where it is zero or less",
+                partial(_cables.tension, dataset),
+            )
+        yield from _of_mast(name, dataset)
+        yield from _of_members(name, dataset)
+        yield from _of_responses(name, dataset)
+        if _has(dataset, "wind", "time"):
+            yield Drawing(f"{name}: velocity of the air over time and height", partial(_wind.wind_field, dataset))
+    yield from _of_cables(results)
+    for name, dataset in results.items():
+        if _has(dataset, "error", "time") and "member" not in dataset.dims:
+            runs = _comparisons(name, dataset)
+            if runs:
+                yield Drawing(f"{name}: error over time", partial(_reports.error_over_time, runs))
+    modes = [name for name, dataset in results.items() if dataset.attrs.get("stage") == "modes"]
+    for name in modes[:1]:  # other layouts of the same motion look alike
+        yield Drawing(f"{name}: shapes of the first modes", partial(_modes.modes, results[name]))
+        if "singular_value" in results[name]:
+            yield Drawing(f"{name}: singular values", partial(_modes.singular_values, results[name]))
+
+
+def _has(dataset: xr.Dataset, name: str, *dims: str) -> bool:
+    """Tell whether a Dataset of one scene has a variable over dimensions."""
+    return name in dataset.data_vars and set(dims) <= set(dataset[name].dims) and "member" not in dataset[name].dims
+
+
+def _of_mast(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
+    """Yield the figures of a mast: moments over height in both directions, shapes of vibration."""
+    if "node_height" not in dataset.coords or "member" in dataset.dims:
+        return
+    run = "bending_moment_maximum" in dataset
+    if set(dataset.dims) & {"direction", "storm"}:
+        return  # of many storms, which its tables tell
+    if run or ("bending_moment" in dataset and "time" not in dataset["bending_moment"].dims):
+        moments = dataset["bending_moment_maximum" if run else "bending_moment"]
+        for axis in ("x", "z"):
+            if "coordinate" in moments.coords and not (abs(moments.sel(coordinate=axis)) > MIN_MOMENT).any():
+                continue
+            yield Drawing(
+                f"{name}: {'range of the ' if run else ''}bending moment over the height, displacements along {axis}",
+                partial(_mast.bending_moments, dataset, component=axis),
+            )
+    if "mast_share" in dataset:
+        yield Drawing(f"{name}: shapes of vibration with most of the mast", partial(_mast.mast_shapes, dataset))
+
+
+def _of_members(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
+    """Yield a map over the two parameters that vary in an ensemble."""
+    drawn = next((variable for variable in MAPPED if variable in dataset and "member" in dataset[variable].dims), None)
+    varied = [
+        str(key)
+        for key, values in dataset.coords.items()
+        if values.dims == ("member",) and key != "member" and values.dtype.kind in "iuf" and _varies(values.values)
+    ]
+    if drawn is not None and len(varied) == 2:
+        x, y = sorted(varied, key=lambda key: "frequency" not in key)
+        words = drawn.replace("_", " ")
+        yield Drawing(
+            f"{name}: {words} of each member", partial(_maps.parameter_map, dataset, drawn, x=x, y=y, hertz=True)
+        )
+
+
+def _varies(values: np.ndarray) -> bool:
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() < finite.max())
+
+
+def _of_responses(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
+    """Yield the figures of periodic responses and maps of stability."""
+    if {"branch", "stable", "angular_frequency"} <= set(dataset.variables):
+        yield Drawing(f"{name}: periodic responses over frequency", partial(_periodic.frequency_response, dataset))
+    if "hardening" in dataset.attrs:
+        yield Drawing(f"{name}: free vibrations", partial(_periodic.backbone, dataset))
+    if "growth_in_plane" in dataset:
+        yield Drawing(f"{name}: growth over frequency and amplitude", partial(_periodic.stability_map, dataset))
+
+
+def _of_cables(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
+    """Yield the deflection of the full model, with the reduced model beside it that expects the least error."""
+    runs = {
+        name: dataset
+        for name, dataset in results.items()
+        if _has(dataset, "position", "time", "particle", "coordinate") and "time" in dataset.coords
+    }
+    full = next((name for name, run in runs.items() if "rank" not in run.attrs), None)
+    reduced = [name for name, run in runs.items() if "rank" in run.attrs]
+    best = min(reduced, key=lambda name: _estimate(runs[name]), default=None)
+    first, second = (best, None) if full is None else (full, best)
+    if first is None:
+        return
+    beside = "" if second is None else f" and {second} (the least estimated error)"
+    yield Drawing(
+        f"{first}{beside}: deflection normal to the chord at some instants",
+        partial(_cables.shapes, runs[first], None if second is None else runs[second], deflection=True),
+    )
+
+
+def _estimate(run: xr.Dataset) -> float:
+    """Return the estimated error of a reduced run, infinite without one."""
+    value = run.attrs.get("error_estimate", math.inf)
+    return float(value) if math.isfinite(value) else math.inf
+
+
+def _comparisons(name: str, dataset: xr.Dataset) -> dict[str, xr.Dataset]:
+    """Return comparisons by name: one, or those of a table over model and rank."""
+    dims = [str(dim) for dim in dataset["error"].dims if dim != "time"]
+    if not dims:
+        return {name: dataset}
+    if dims != ["model", "rank"]:
+        return {}
+    parts = {
+        f"{model}, r = {rank}": dataset[["error"]].sel(model=model, rank=rank, drop=True)
+        for model in dataset["model"].values
+        for rank in dataset["rank"].values
+    }
+    return {name: part for name, part in parts.items() if np.isfinite(part["error"].values).any()}
+
+
+def png_of(drawing: Drawing) -> bytes:
+    """Return a figure as PNG, drawn without pyplot, which would change the caller's open figures.
+
+    Raises
+    ------
+    SceneError
+        For a Dataset of which it cannot be drawn.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=SIZE, layout="constrained")
+    FigureCanvasAgg(figure)
+    drawing.draw(ax=figure.subplots())
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=DOTS, facecolor="white")
+    return stream.getvalue()

@@ -1,0 +1,66 @@
+"""The option --report: one page of what a command computed, with the notes that it gave."""
+
+from __future__ import annotations
+
+from html import unescape
+
+import pytest
+from scenes import SOFT_TOML
+
+from cablepod import cli
+
+ENSEMBLE = """
+[ensemble]
+members = 4
+sampling = "grid"
+[ensemble.ranges]
+"cable.top_tension" = [150.0, 200.0]
+"motion.upper.x.amplitude" = [-0.05, -0.02]
+"""
+
+
+def notes_of(captured):
+    return [line.removeprefix("cablepod: note: ") for line in captured.err.splitlines() if "note: " in line]
+
+
+def test_run_writes_a_page_with_all_that_it_says(tmp_path, capsys):
+    scene, page = tmp_path / "it.toml", tmp_path / "deep" / "er" / "it.html"
+    scene.write_text(SOFT_TOML)
+    folder = tmp_path / "out"
+    # ranks that the scene has not are left out with a note
+    arguments = ["run", str(scene), "--out", str(folder), "--ranks", "1,20", "--report", str(page)]
+    status = cli.main(arguments)
+    captured = capsys.readouterr()
+    if status:  # a scene with few modes refuses them: the page is then not written
+        pytest.fail(captured.err)
+    content = unescape(page.read_text(encoding="utf-8"))
+    assert f"report    {page}" in captured.out
+    answers = captured.out.split("\n\n")[1].splitlines()
+    assert len(answers) > 3
+    assert all(line in content for line in answers)
+    warned = [note for note in notes_of(captured) if "left out" in note]
+    assert warned
+    assert all(note in content for note in warned)
+    assert not list(folder.glob("*.html"))
+
+
+def test_ensemble_writes_a_page_with_a_map(tmp_path, capsys):
+    scene, page = tmp_path / "it.toml", tmp_path / "it.html"
+    scene.write_text(SOFT_TOML + ENSEMBLE)
+    arguments = ["ensemble", str(scene), "--out", str(tmp_path / "out"), "--report", str(page)]
+    assert cli.main([*arguments, "--option", "outputs=['tension_extremes']", "--option", "step=1e-3"]) == 0
+    captured = capsys.readouterr()
+    content = unescape(page.read_text(encoding="utf-8"))
+    assert f"report    {page}" in captured.out
+    assert "tension maximum of all links" in content
+    assert "cable.top_tension" in content
+    assert all(note in content for note in notes_of(captured) if note.startswith("member"))
+
+
+@pytest.mark.parametrize("page", ["it.txt", "it", ""])
+def test_another_ending_is_refused_before_anything_runs(tmp_path, capsys, page):
+    scene = tmp_path / "it.toml"
+    scene.write_text(SOFT_TOML)
+    assert cli.main(["run", str(scene), "--out", str(tmp_path / "out"), "--report", page]) == 2
+    assert capsys.readouterr().err.startswith("cablepod: --report: given ")
+    assert not (tmp_path / "out").exists()
