@@ -42,7 +42,7 @@ def test_the_table_holds_the_numbers_of_the_summary(capsys):
         assert float(value) * IN_SI[unit] == pytest.approx(float(numbers[name]), rel=1e-4)  # five digits
     printed = {"inclination of the chord": "70.529 degrees", "axial stiffness EA": "20 MN", "stress": "120 MPa"}
     printed |= {"strain": "0.075 %", "sag over chord": "0.16992 %", "tension, upper end": "15 kN"}
-        printed |= {"sag, normal to the chord": "103.99 mm"}
+    printed |= {"sag, normal to the chord": "103.99 mm"}
     assert {text: values[text] for text in printed} == printed
     for text, plane in _summary.FREQUENCIES:
         hertz, omega = values[text].split(" Hz ")
