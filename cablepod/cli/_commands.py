@@ -355,6 +355,7 @@ def check_command(scene: str) -> None:
     shell_complete=_arguments.complete_folder,
     help="folder for the table and its figures; made if missing (default: the table is printed alone)",
 )
+@_page.OPTION
 @REPLACE
 def stringing_command(**options: Any) -> None:
     """Print tension, sag and first frequencies over temperature."""

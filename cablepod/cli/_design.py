@@ -12,7 +12,7 @@ import click
 import numpy as np
 import xarray as xr
 
-from cablepod.cli import _arguments, _group
+from cablepod.cli import _arguments, _group, _page
 from cablepod.cli._group import say
 from cablepod.cli._mast import place
 from cablepod.cli._progress import member_bar
@@ -81,6 +81,7 @@ OPTIONS = (
         metavar="START END",
         help="part of each storm that counts [s] (default: all of it)",
     ),
+    _page.OPTION,
     click.option("--overwrite", is_flag=True, help="replace another study in DIR"),
 )
 
@@ -94,7 +95,7 @@ def options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def run(
     *, scene: str, out: str | None, directions: str, speeds: str | None, shares: str | None, reference_range: float | None,
-    **options: Any,
+    page: str | None, **options: Any,
 ) -> None:  # fmt: skip
     """Run the study of a scene file with the options of the command, and print its tables."""
     path = scene_path(scene)
@@ -106,9 +107,10 @@ def run(
     chosen = None if speeds is None else _listed("--speeds", speeds)
     if chosen is None and "wind_speed" in dataset:
         chosen = [factor * float(dataset["wind_speed"]) for factor in SPEEDS]
+    target = _page.checked(page)
     window = options.pop("window", None)
     members = len(angles) * len(chosen or [0]) * options["storms"]
-    with member_bar("mast" if "mast_height" in dataset else "condensed", members) as progress:
+    with member_bar("mast" if "mast_height" in dataset else "condensed", members) as progress, _page.heard() as notes:
         result = design(
             dataset,
             directions=angles,
@@ -120,8 +122,17 @@ def run(
             progress=progress,
             **options,
         )
-    say(text(result))
+    tables = {
+        "Guys" if "guy" in result.dims else "Ends of the guy": guy_rows(result), "Displacements": level_rows(result),
+        "Envelopes over the height": height_rows(result), "Forces on the foundation": foot_rows(result),
+        "Directions and speeds": case_rows(result),
+    }  # fmt: skip
+    found = text(result)
+    say(found)
     say(f"\n{folder}: {', '.join(sorted(path.name for path in folder.iterdir() if not path.name.startswith('.')))}")
+    written = _page.write(target, {"scene": dataset, "design": result}, text=found, notes=notes, tables=tables)
+    if written:
+        say(written)
 
 
 def _angles(given: str) -> list[float]:

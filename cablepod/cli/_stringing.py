@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod import archive
 from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import prepare_folder
-from cablepod.cli import _arguments, _group
+from cablepod.cli import _arguments, _group, _page
 from cablepod.cli._group import say
 from cablepod.errors import SceneError, named
 from cablepod.examples import scene_path
@@ -35,24 +35,34 @@ COLUMNS = (
 
 
 def stringing(
-    scene: str, temperatures: tuple[float, float, float], cases: str | None, out: str | None, overwrite: bool
-) -> None:
-    """Print the table of a scene; with a folder write it and its figures."""
+    scene: str, temperatures: tuple[float, float, float], cases: str | None, out: str | None, page: str | None,
+    overwrite: bool
+) -> None:  # fmt: skip
+    """Print the table of a scene; with a folder write it and its figures, with the path of a page this."""
     _group.import_matplotlib()
     values = _temperatures(temperatures)
     named_cases = None if cases is None else _cases(Path(cases))
     dataset = read_scene(scene_path(scene))
-    folder = None
+    target, folder = _page.checked(page), None
     if out is not None:
         folder = _arguments.folder(out)
         with _arguments.as_options():
             prepare_folder(folder, (TABLE, *FIGURES), overwrite=overwrite)
     from cablepod import catenary  # its imports take a second
 
-    table = catenary.stringing(dataset, values, cases=named_cases)
-    say("\n".join(_lines(table)))
-    if folder is None:
-        return
+    with _page.heard() as notes:
+        table = catenary.stringing(dataset, values, cases=named_cases)
+    text = "\n".join(_lines(table))
+    say(text)
+    if folder is not None:
+        _write(table, folder, overwrite=overwrite)
+    written = _page.write(target, {"scene": dataset, "stringing": table}, text=text, notes=notes)
+    if written:
+        say(written)
+
+
+def _write(table: xr.Dataset, folder: Path, *, overwrite: bool) -> None:
+    """Write a table and its figures into a folder, and say so."""
     archive.write(table, folder / TABLE, overwrite=overwrite)
     import matplotlib as mpl
 

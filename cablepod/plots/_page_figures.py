@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from cablepod.plots import _cables, _maps, _mast, _modes, _periodic, _reports, _wind
+from cablepod.plots import _cables, _maps, _mast, _modes, _periodic, _reports, _stringing, _wind
 
 #: Size [inch] and resolution [dots per inch] of a figure: the width of A4 between its margins.
 SIZE, DOTS = (7.5, 4.2), 150
@@ -30,23 +30,47 @@ class Drawing(NamedTuple):
 
 def drawings(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
     """Yield what can be drawn of results by name, in the order of its worth to an engineer."""
+    yield from _of_tensions(results)
     for name, dataset in results.items():
-        if _has(dataset, "guy_tension", "time"):
-            yield Drawing(f"{name}: tension of each guy at the mast over time", partial(_mast.guy_tensions, dataset))
-    for name, dataset in results.items():
-        if _has(dataset, "tension", "time", "link") and dataset.sizes["link"] > 1:
-            yield Drawing(
-                f"{name}: tension over time and place along the cable, hatched where it is zero or less",
-                partial(_cables.tension, dataset),
-            )
         yield from _of_mast(name, dataset)
         yield from _of_members(name, dataset)
         yield from _of_responses(name, dataset)
+        yield from _of_statics(name, dataset)
         if _has(dataset, "wind", "time"):
             yield Drawing(f"{name}: velocity of the air over time and height", partial(_wind.wind_field, dataset))
     yield from _of_cables(results)
+    yield from _of_models(results)
+
+
+def _of_tensions(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
+    """Yield tensions over time: of guys, at both ends (of the stage that has more instants, if there is one), along the cable."""
     for name, dataset in results.items():
-        if _has(dataset, "error", "time") and "member" not in dataset.dims:
+        if _has(dataset, "guy_tension", "time"):
+            yield Drawing(f"{name}: tension of each guy at the mast over time", partial(_mast.guy_tensions, dataset))
+    ends = [name for name, dataset in results.items() if _has(dataset, "end_tension", "time", "end")]
+    along = [name for name, dataset in results.items() if _has(dataset, "tension", "time", "link")]
+    for name in ends or along:
+        yield Drawing(f"{name}: tension at both ends over time", partial(_cables.end_tensions, results[name]))
+    for name in along:
+        if results[name].sizes["link"] > 1:
+            yield Drawing(
+                f"{name}: tension over time and place along the cable, hatched where it is zero or less",
+                partial(_cables.tension, results[name]),
+            )
+
+
+def _of_statics(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
+    """Yield tension and sag over temperature."""
+    if "temperature" in dataset.dims and "sag" in dataset:
+        for variable, words in (("tension_upper", "tension at the upper end"), ("sag", "sag")):
+            draw = partial(_stringing.stringing, dataset, variable=variable)
+            yield Drawing(f"{name}: {words} over temperature", draw)
+
+
+def _of_models(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
+    """Yield errors over time, and the shapes and singular values of the first modes."""
+    for name, dataset in results.items():
+        if _has(dataset, "error", "time"):
             runs = _comparisons(name, dataset)
             if runs:
                 yield Drawing(f"{name}: error over time", partial(_reports.error_over_time, runs))

@@ -22,8 +22,8 @@ from cablepod.plots._style import OVER_PLACES
 MAX_ROWS = 60
 #: Size of a variable in a file or of dask above which it is not read [bytes].
 MAX_READ = 200_000_000
-#: Dimensions that are places or instants of a mesh, whose values only a figure shows.
-OF_MESH = ("time", "particle", "link", "node", "point", "element")
+#: Dimensions of instants, places of a mesh and single storms, which are too many for a table.
+OF_MESH = ("time", "particle", "link", "node", "point", "element", "storm")
 #: Dimensions that are columns of a table, not rows.
 ACROSS = ("coordinate", "end")
 #: Variables that no reader asks for: of training, of shapes, and what figures and other parts of the page show.
@@ -41,7 +41,7 @@ ROUNDED, ROUNDING = ("m", "N", "N m", "s", "%"), 1e-12
 #: Heading of a column of a caller: text and units.
 HEADING = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 #: Units that people write and their forms in :data:`cablepod.conventions.VARIABLES`.
-SAME_UNITS = {"m/s": "m s-1", "rad/s": "rad s-1", "deg": "degree"}
+SAME_UNITS = {"m/s": "m s-1", "rad/s": "rad s-1"}
 #: Maximum number of values of a list that are echoed one by one.
 MAX_LIST = 6
 
@@ -99,9 +99,8 @@ def tables_of(dataset: xr.Dataset) -> Iterator[Table]:
     """Yield a table for each set of short dimensions, such as guys or modes, with a column for each variable over it."""
     groups: dict[tuple[str, ...], list[tuple[str, xr.Variable]]] = {}
     for name, variable in _shown(dataset):
-        dims = tuple(str(dim) for dim in variable.dims if dim not in ACROSS)
         if is_tabulated(variable):
-            groups.setdefault(dims, []).append((name, variable))
+            groups.setdefault(_rows_of(variable), []).append((name, variable))
     for dims, members in groups.items():
         columns = list(itertools.chain.from_iterable(_columns(dataset, name, variable) for name, variable in members))
         if dims == ("member",):
@@ -135,10 +134,15 @@ def ranges_of(dataset: xr.Dataset) -> Table | None:
 
 def is_tabulated(variable: xr.Variable) -> bool:
     """Tell whether a variable is a column of a table."""
-    dims = [dim for dim in variable.dims if dim not in ACROSS]
+    dims = _rows_of(variable)
     if not variable.ndim or any(dim in OF_MESH for dim in dims):
         return False
-    return math.prod(variable.sizes[dim] for dim in dims) <= MAX_ROWS
+    return variable.size > 0 and math.prod(variable.sizes[dim] for dim in dims) <= MAX_ROWS
+
+
+def _rows_of(variable: xr.Variable) -> tuple[str, ...]:
+    """Return the dimensions that are rows of a table: all but :data:`ACROSS`, or these where there is no other one."""
+    return tuple(str(dim) for dim in variable.dims if dim not in ACROSS) or tuple(map(str, variable.dims))
 
 
 def _shown(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Variable]]:
@@ -179,8 +183,8 @@ def _extremes(dataset: xr.Dataset) -> Iterator[Column]:
 
 def _columns(dataset: xr.Dataset, name: str, variable: xr.Variable) -> Iterator[Column]:
     """Yield a column of a variable, or one for each of its coordinates or ends."""
-    across = [dim for dim in variable.dims if dim in ACROSS]
-    rows = [dim for dim in variable.dims if dim not in ACROSS]
+    rows = _rows_of(variable)
+    across = [dim for dim in variable.dims if dim not in rows]
     values = variable.transpose(*across, *rows).values
     units = units_of(name, variable)
     labels = [

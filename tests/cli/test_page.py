@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import unescape
 
 import pytest
@@ -16,6 +17,33 @@ sampling = "grid"
 [ensemble.ranges]
 "cable.top_tension" = [150.0, 200.0]
 "motion.upper.x.amplitude" = [-0.05, -0.02]
+"""
+#: A small guy in gusts.
+GUY = """
+title = "a guy in gusts"
+[cable]
+youngs_modulus = 1.6e11
+area = 3.8e-5
+density = 8000.0
+diameter = 0.008
+top_tension = 5000.0
+[ends]
+lower = [20.0, 0.0, 0.0]
+upper = [0.0, 28.0, 0.0]
+[damping]
+mass_proportional = 0.1
+[wind]
+speed = 20.0
+direction = [1.0, 0.0, 0.0]
+roughness_length = 0.03
+[wind.turbulence]
+spectrum = "kaimal"
+seed = 3
+[time]
+duration = 4.0
+interval = 0.1
+[chain]
+links = 10
 """
 
 
@@ -55,6 +83,32 @@ def test_ensemble_writes_a_page_with_a_map(tmp_path, capsys):
     assert "tension maximum of all links" in content
     assert "cable.top_tension" in content
     assert all(note in content for note in notes_of(captured) if note.startswith("member"))
+
+
+def test_design_writes_a_page_with_its_tables(tmp_path, capsys):
+    scene, page = tmp_path / "it.toml", tmp_path / "it.html"
+    scene.write_text(GUY)
+    arguments = ["design", str(scene), "--out", str(tmp_path / "out"), "--report", str(page)]
+    assert cli.main([*arguments, "--directions", "1", "--speeds", "15", "--storms", "3"]) == 0
+    captured = capsys.readouterr()
+    content = unescape(page.read_text(encoding="utf-8"))
+    assert captured.out.rstrip().endswith(f"report    {page}")
+    headings = re.findall("<h3>(.*?)</h3>", content)
+    assert {"Ends of the guy", "Directions and speeds"} <= set(headings)
+    assert "<th" in content
+    assert "peak low [kN]" in content
+
+
+def test_stringing_writes_a_page_with_its_figures(tmp_path, capsys):
+    scene, page = tmp_path / "it.toml", tmp_path / "it.html"
+    scene.write_text(GUY.replace("diameter = 0.008", "diameter = 0.008\nthermal_expansion = 1.2e-5"))
+    arguments = ["stringing", str(scene), "--temperatures", "-20", "40", "4", "--report", str(page)]
+    assert cli.main(arguments) == 0
+    printed, content = capsys.readouterr().out, unescape(page.read_text(encoding="utf-8"))
+    assert printed.rstrip().endswith(f"report    {page}")
+    assert all(line in content for line in printed.splitlines()[:-1])
+    assert 'alt="stringing: sag over temperature"' in content
+    assert [item.name for item in tmp_path.iterdir() if item.is_dir()] == []  # no folder without --out
 
 
 @pytest.mark.parametrize("page", ["it.txt", "it", ""])

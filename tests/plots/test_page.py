@@ -148,6 +148,22 @@ def test_long_variables_are_told_by_their_range_and_lazy_ones_only_if_small(page
     assert page(values).row("a")[1:3] == ["time 100", "not read"]
 
 
+def test_variables_without_values_are_left_out(page):
+    found = page(xr.Dataset({"absent": ("level", np.zeros(0)), "pull": ("guy", [1.0])}))
+    assert ["guy", "pull"] in found.rows
+    assert "absent" not in text_of(found)
+
+
+def test_coordinates_and_ends_are_columns_or_rows_where_nothing_else_is(page):
+    both = xr.Dataset(
+        {"anchor": (("guy", "coordinate"), [[1.0, 2.0]]), "pull": ("end", [3.0, 4.0])},
+        coords={"guy": [7], "coordinate": ["x", "y"], "end": ["lower", "upper"]},
+    )
+    found = page(both)
+    assert [row for row in found.rows if row[0] in ("guy", "7")] == [["guy", "anchor x", "anchor y"], ["7", "1", "2"]]
+    assert [row for row in found.rows if row[0] in ("end", "upper")] == [["end", "pull"], ["upper", "4"]]
+
+
 def test_what_several_results_have_stands_once(page):
     first = xr.Dataset({"length": ((), 3.0, {"long_name": "the length"}), "pull": ("guy", [1.0, 2.0])})
     second = xr.Dataset({"length": ((), 3.0, {"long_name": "the length"}), "pull": ("guy", [1.0, 2.0])})
