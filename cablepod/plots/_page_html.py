@@ -16,7 +16,7 @@ MAX_COLUMNS = 7
 #: What stands in a cell without a value, and what is aligned to the right as a number.
 NOTHING, NUMBER = "-", re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( %)?|-")
 #: Class of the cells of numbers, and of texts that stay on one line, with their maximum length.
-RIGHT, SHORT, MAX_SHORT = ' class="n"', ' class="s"', 26
+RIGHT, SHORT, MAX_SHORT = ' class="n"', ' class="s"', 32
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 #: The security policy lets a browser load nothing but the pictures inside the page.
@@ -40,9 +40,9 @@ table { border-collapse: collapse; margin: 0.4em 0 1em; font-size: 0.9em; }
 th, td { text-align: left; vertical-align: top; padding: 0.15em 0.7em 0.15em 0; border-bottom: 1px solid #ddd;
   overflow-wrap: anywhere; }
 th { border-bottom: 1px solid #888; vertical-align: bottom; overflow-wrap: normal; }
-th.n, td.s { white-space: nowrap; }
-td.n { text-align: right; }
-td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.n, td.n { text-align: right; }
+td.n { font-variant-numeric: tabular-nums; }
+td.n, td.s { white-space: nowrap; }
 figure { margin: 1em 0; }
 figure img { max-width: 100%; height: auto; }
 figcaption, .legend { color: #444; font-size: 0.9em; }

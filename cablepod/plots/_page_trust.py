@@ -14,6 +14,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import ATTRIBUTES, digits
+from cablepod.integrate._coarse import LIKELY
 from cablepod.plots._page_html import NOTHING, Table
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR, warn_condensed_out_of_range, warn_galerkin_out_of_range
 
@@ -51,6 +52,12 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
         yield from (f"{name}: {note}" for note in _notes(dataset))
         yield from (f"{name}: {text}" for text in _out_of_range(attrs))
         yield from (f"{name}: {text}" for text in _of_time(dataset))
+        coarse = _largest(dataset, "space_error_estimate")
+        if coarse is not None and coarse > LIKELY:
+            yield (
+                f"{name}: too few links or elements for the continuous cable: {ATTRIBUTES['space_error_estimate'][1]}: "
+                + (f"{100.0 * coarse:.2g} %, above {100.0 * LIKELY:.2g} %")
+            )
         yield from (f"{name}: {text}" for text in _of_members(dataset))
         for variable, what in FORCES.items():
             if variable in dataset and dataset[variable].size and dataset[variable].dtype.kind in "iuf":

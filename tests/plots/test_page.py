@@ -234,7 +234,7 @@ def test_results_tell_what_is_doubtful():
         "summary": xr.Dataset({"note": ((), "density: 8, likely in g/cm3\ngravity: 98")}),
         "chain": xr.Dataset(
             {"tension_minimum": ("link", [0.0, 5.0])},
-            attrs={"incomplete": "stopped at 3 s of 10 s", "time_error_estimate": 0.02},
+            attrs={"incomplete": "stopped at 3 s of 10 s", "time_error_estimate": 0.02, "space_error_estimate": 0.05},
         ),
         "mast": xr.Dataset({"guy_tension_minimum": ("guy", [3.0, 0.0, -1.0])}, coords={"guy": [1, 2, 5]}),
         "runs": xr.Dataset(
@@ -249,12 +249,17 @@ def test_results_tell_what_is_doubtful():
     found = list(_page_trust.warnings_of(results, {"left_out": ["galerkin: needs two held ends"], "notes_left_out": 3}))
     for part in (
         "left out: galerkin: needs two held ends", "summary: density: 8, likely in g/cm3", "summary: gravity: 98",
-        "chain: incomplete, stopped at 3 s of 10 s", "chain: not converged in time", "chain: slack at times: 1 of 2",
+        "chain: incomplete, stopped at 3 s of 10 s", "chain: not converged in time", "chain: too few links",
+        "chain: slack at times: 1 of 2",
         "mast: slack at times: guy 2, 5", "runs: 1 of 3 members failed: diverged", "3 more notes",
     ):  # fmt: skip
         assert len([text for text in found if text.startswith(part)]) == 1, part
     assert len([text for text in found if text.startswith("runs: 1 of 3 members: estimated")]) == 2
-    clean = {"chain": xr.Dataset({"tension_minimum": ("link", [1.0])}, attrs={"time_error_estimate": 1e-5})}
+    clean = {
+        "chain": xr.Dataset(
+            {"tension_minimum": ("link", [1.0])}, attrs={"time_error_estimate": 1e-5, "space_error_estimate": 5e-3}
+        )
+    }
     assert list(_page_trust.warnings_of(clean, {})) == []
 
 
