@@ -147,7 +147,7 @@ def test_decay_in_time_is_that_of_the_linear_theory(scheme: str) -> None:
 
 def test_decay_at_a_node_is_none() -> None:
     found, _ = decay("velocity_verlet", 2, 0.5, 20.0)
-    assert abs(found) < 1e-9
+    assert abs(found) < 1e-6  # of the fit, as the tension varies with the motion; that of mode 1 is 6e-3
 
 
 def test_spring_and_mass_in_one_place_vibrate_as_an_oscillator() -> None:
