@@ -15,8 +15,8 @@ from cablepod.catenary._piecewise import (
     is_piecewise,
     is_slack_weightless,
     pieces_of,
-    solve_pieces,
 )
+from cablepod.catenary._piecewise_solve import solve_pieces
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 from cablepod.parameters._parameters import Parameters
