@@ -109,9 +109,8 @@ def start(chain: LumpedChain, air: ChainAir | None = None) -> np.ndarray:
         if key in p.initial:
             length = solve_statics(p, key, p.initial[key], prefix="initial")[0]
             factor = length / chain.total_length
-            return rest_shape(replace(chain, length=factor * chain.length, arc_length=factor * chain.arc_length), air)[
-                0
-            ]
+            lengths = {"length": factor * chain.length, "arc_length": factor * chain.arc_length}
+            return rest_shape(replace(chain, **lengths, scene_length=chain.total_length), air)[0]
     return rest_shape(chain, air)[0]
 
 

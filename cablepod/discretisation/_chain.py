@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -36,6 +36,8 @@ class LumpedChain:
     length: np.ndarray  #: unstretched lengths of the links (n,) [m]
     arc_length: np.ndarray  #: unstretched arc length of the particles (n + 1,) [m]
     law: str = LAWS[0]  #: one of LAWS
+    #: unstretched length of the scene, to which distances of attachments belong [m]; None for that of the chain
+    scene_length: float | None = field(default=None, kw_only=True)
 
     @cached_property
     def green(self) -> bool:
@@ -95,8 +97,8 @@ class LumpedChain:
             result = lumped(self.arc_length, self._borders, self._of_segments(name))
         else:
             result = np.multiply.outer(self.tributary_length, np.asarray(getattr(p, name)))
-        for attachment in p.attachments:
-            j, weight = self.lever(attachment.fraction(self.total_length))
+        for attachment, fraction in zip(p.attachments, self._fractions, strict=True):
+            j, weight = self.lever(fraction)
             result[j] += (1.0 - weight) * getattr(attachment, name)
             result[j + 1] += weight * getattr(attachment, name)
         return result
@@ -104,8 +106,13 @@ class LumpedChain:
     @cached_property
     def attached_particles(self) -> np.ndarray:
         """Particles at the attachments, in their order (attachments,)."""
-        fractions = np.array([attachment.fraction(self.total_length) for attachment in self.p.attachments])
-        return nearest_particles(self.arc_length, fractions)
+        return nearest_particles(self.arc_length, np.array(self._fractions))
+
+    @property
+    def _fractions(self) -> list[float]:
+        """Places of the attachments as fractions of the length (attachments,)."""
+        length = self.total_length if self.scene_length is None else self.scene_length
+        return [attachment.fraction(length) for attachment in self.p.attachments]
 
     @cached_property
     def drag_ratio(self) -> np.ndarray | None:

@@ -338,3 +338,23 @@ def test_ratios_of_damping_see_the_springs() -> None:
         * (np.cos(damped * time) + ratio * omega[0] / damped * np.sin(damped * time))
     )
     np.testing.assert_allclose(history, expected, rtol=0.0, atol=1e-3 * abs(history[0]))
+
+
+def test_start_from_another_length_keeps_attachments_at_their_particles() -> None:
+    tables = {**GUY, **THINGS, "initial": {"top_tension": 9000.0}}
+    run = cp.chain.simulate(cp.make_scene(tables), scheme="velocity_verlet", step=1e-4, outputs=("position",))
+    slack = {key: value for key, value in tables.items() if key != "initial"}
+    rest = cp.chain.rest(cp.make_scene({**slack, "cable": {**GUY["cable"], "top_tension": 9000.0}}))
+    # distances of attachments are those of the scene, 3e-4 of them shorter than of the longer cable
+    np.testing.assert_allclose(run.position[0], rest.position, atol=0.01)
+    chain = chain_of(parameters(cp.make_scene(tables)))
+    longer = replace(
+        chain, length=1.01 * chain.length, arc_length=1.01 * chain.arc_length, scene_length=chain.total_length
+    )
+    np.testing.assert_array_equal(longer.attached_particles, chain.attached_particles)
+    np.testing.assert_allclose(longer.mass - 1.01 * chain.mass, -0.01 * (chain.mass - uniform_mass(chain)), atol=1e-9)
+
+
+def uniform_mass(chain: LumpedChain) -> np.ndarray:
+    """Return the masses of the particles without attachments."""
+    return replace(chain, p=replace(chain.p, attachments=())).mass
