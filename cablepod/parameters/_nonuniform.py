@@ -170,9 +170,7 @@ def _joined(p: Parameters, borders: np.ndarray, cables: Sequence[Parameters], ex
         length_value=length,
         expansion=expansion,
         stiffness=first.stiffness if len(segments) == 1 else 1.0 / compliance,
-        area=None
-        if any(segment.area is None for segment in segments)
-        else mean([segment.area for segment in segments]),
+        area=first.area if len({segment.area for segment in segments}) == 1 else None,
         mass=mean([segment.mass for segment in segments]),
         weight=first.weight if len(segments) == 1 else share @ np.array([segment.weight for segment in segments]),
         diameter=diameter,

@@ -95,7 +95,8 @@ class Parameters:
     arrays (members,) then, vectors (members, dims), parameters of time functions (members, 1).
 
     The numbers of a cable of several segments are means over its unstretched length: its mass and weight are those of the
-    whole cable, its stiffness is that under one tension, its breaking strength is the least.
+    whole cable, its stiffness is that under one tension.  Its breaking strength is the least, and it has an area where all are
+    equal.
     """
 
     stiffness: Any  #: axial stiffness K [N]

@@ -46,6 +46,7 @@ CALLS: dict[str, Callable[[Any, Any, Any], Any]] = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::cablepod.errors.OutOfRangeWarning")  # of an orbit with two modes
 @pytest.mark.parametrize("key", THINGS)
 @pytest.mark.parametrize("call", CALLS)
 def test_it_names_the_key(call: str, key: str, modes: Any, field_modes: Any) -> None:

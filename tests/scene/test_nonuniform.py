@@ -87,6 +87,8 @@ def test_segment_has_the_keys_of_the_cable_that_it_leaves_out() -> None:
     assert lower.breaking_strength is None
     assert p.mass == pytest.approx(0.4 * 1.0 + 0.6 * 4.0, rel=1e-15)
     assert p.weight[1] == pytest.approx(-9.81 * p.mass, rel=1e-15)
+    assert p.area is None  # tension over area is no stress of the whole
+    assert p.breaking_strength == upper.breaking_strength
     assert 1.0 / p.stiffness == pytest.approx(0.4 / lower.stiffness + 0.6 / upper.stiffness, rel=1e-15)
 
 
