@@ -26,6 +26,7 @@ from cablepod.errors import SceneError, named, scene_error
 from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ICE, TOP, check_table
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._completed import completed
 from cablepod.scene._make import check_numbers
@@ -103,6 +104,7 @@ def stringing(
         raise scene_error(
             p.point_loads[0].key, "a point load", "none; chain.rest has them, at the temperature of a scene"
         )
+    refuse_nonuniform(p, "catenary.rest, at the temperature of a scene")
     values = _temperatures(temperatures)
     chosen = [scene] if cases is None else [_of_case(scene, name, tables) for name, tables in _named(cases).items()]
     rows = [[_numbers(parameters(each.assign(temperature=value))) for value in values] for each in chosen]

@@ -15,8 +15,8 @@ from cablepod.catenary._piecewise import (
     is_piecewise,
     is_slack_weightless,
     pieces_of,
-    solve_pieces,
 )
+from cablepod.catenary._piecewise_solve import solve_pieces
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 from cablepod.parameters._parameters import Parameters
@@ -154,7 +154,8 @@ def piecewise_statics(p: Parameters, key: str, value: float, *, prefix: str = "c
         As :func:`solve_statics`.
     """
     if p.bare is not None and prefix == "cable" and key != "unstretched_length":
-        key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
+        # tensioned without ice, at the reference temperature
+        key, value = "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
     if key == "unstretched_length" and "points" in p.initial and prefix == "cable" and is_slack_weightless(p, value):
         return PiecewiseCatenary(pieces_of(p, value), np.full(p.dims, np.nan))
     return solve_pieces(p, key, float(value), f"{prefix}.{key}")

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.wind._air import CableAir, refined
+from cablepod.wind._air import CableAir, density_of, refined
 from cablepod.wind._drag_rate import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
 
 #: Maximum number of explicit steps from one evaluation of the drag to the next.
@@ -40,8 +40,24 @@ class ChainAir:
 
     @property
     def drag(self) -> float:
-        """Half the density of the air times drag coefficient and diameter [kg/m2]."""
+        """Half the density of the air times drag coefficient and diameter, mean of the cable [kg/m2]."""
         return self.air.drag
+
+    @cached_property
+    def drags(self) -> np.ndarray:
+        """Half the density of the air times drag coefficient and diameter at the particles (n + 1,) [kg/m2]."""
+        ratio = self.chain.drag_ratio
+        return np.full(self.chain.links + 1, self.drag) if ratio is None else self.drag * ratio
+
+    @cached_property
+    def bodies(self) -> np.ndarray | None:
+        """Half the density of the air times drag area at the particles (n + 1,) [kg/m], 0 at held ones; None without."""
+        chain, p = self.chain, self.chain.p
+        if not any(attachment.drag_area for attachment in p.attachments):
+            return None
+        result = np.zeros(chain.links + 1)
+        result[chain.attached_particles] = [attachment.drag_area for attachment in p.attachments]
+        return 0.5 * density_of(p) * result
 
     @property
     def samples_per_second(self) -> float:
@@ -55,12 +71,17 @@ class ChainAir:
 
     def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the drag on all particles (n + 1, dims) [N] at an instant [s]; 0 at held ones."""
+        from cablepod.chain import _kernels_attached as kernel_attached
         from cablepod.chain import _kernels_drag as kernel
 
         free, force = self.chain.free_particles, np.empty(position.shape[::-1])
         x, v = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T)
         place = time * self.samples_per_second
-        kernel.drag_forces(x, v, self.velocity, place, self.drag, free.start, free.stop, force, np.empty(len(position)))
+        kernel.drag_forces(
+            x, v, self.velocity, place, self.drags, free.start, free.stop, force, np.empty(len(position))
+        )
+        if self.bodies is not None:
+            kernel_attached.body_drag(v, self.velocity, place, self.bodies, force, 0.0, None)
         return force.T
 
     def at_rest(self, position: np.ndarray) -> np.ndarray:
@@ -74,11 +95,18 @@ class ChainAir:
     def energy_bound(self, position: np.ndarray) -> float:
         """Return the work of the largest drag over the reach of the cable [J]."""
         reach = self.chain.total_length + float(np.abs(position[-1] - position[0]).sum())
-        return self.drag * self.air.largest_speed**2 * self.chain.total_length * reach
+        area = self.drag * self.chain.total_length + (0.0 if self.bodies is None else float(self.bodies.sum()))
+        return area * self.air.largest_speed**2 * reach
 
     def rate(self, end_time: float) -> float:
         """Return a bound of the rate at which drag takes away a motion along the wind in a run until an instant [s] [1/s]."""
-        return drag_rate(self.chain.p, self.air, end_time)
+        chain, p, free = self.chain, self.chain.p, self.chain.free_particles
+        rate = drag_rate(p, self.air, end_time)
+        if not (p.segments or p.attachments):
+            return rate
+        speed = rate * p.mass / (2.0 * self.drag) if self.drag else self.air.largest_speed
+        areas = self.drags * chain.tributary_length + (0.0 if self.bodies is None else self.bodies)
+        return 2.0 * speed * float((areas[free] / chain.mass[free]).max())
 
     def step_limit(self, end_time: float) -> float:
         """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
@@ -95,7 +123,7 @@ class ChainAir:
             Step and end of the run [s].
         """
         chain, p = self.chain, self.chain.p
-        mass = p.mass * chain.tributary_length[1:-1].min()
+        mass = chain.mass[1:-1].min()
         tension = max(tension, TENSION_MARGIN * tension_by_drag(p, self.air, tension, chain.total_length))
         omega = 2.0 * math.sqrt(max(tension, 1e-300) / (chain.length.min() * mass))
         times = HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate(end_time))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from cablepod.integrate._peaks import peak_times
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._time_functions import BatchedTimeFunction
+
+if TYPE_CHECKING:
+    from cablepod.chain._air import ChainAir
 
 
 class ExplicitChainRun(ChainRun):
@@ -83,7 +86,8 @@ class ExplicitChainRun(ChainRun):
         """Key of runs that can be advanced in one kernel call, see :class:`ExplicitStepper`."""
         chain, p = self.chain, self.chain.p
         damping = (p.mass_damping is None, p.link_viscosity is None, p.tension_damping is None)
-        terms = (damping, len(chain.time_dependent_loads()), tuple(p.motions))
+        attached = None if self.attached is None else self.attached.particles.size
+        terms = (damping, attached, len(chain.time_dependent_loads()), tuple(p.motions))
         return chain.links, p.dims, chain.law, terms, self.outputs, self.times.tobytes()
 
     def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
@@ -96,7 +100,7 @@ class ExplicitChainRun(ChainRun):
             slice(chain.links),
             slice(chain.links + 1),
         )
-        mass = p.mass * chain.tributary_length[free]
+        mass = chain.mass[free]
         damping_factor, half = None, 0.5 * step
         state[layout.PER_MASS, free] = step / mass
         if p.mass_damping is not None:
@@ -114,6 +118,7 @@ class ExplicitChainRun(ChainRun):
                 state[layout.BASE_X + c, particles] = per_mass * loads[:, c]
             # with viscosity the predicted velocity, 1.5 v - 0.5 v_before, is then 0 at the start
             state[layout.BX + c] = 3.0 * state[layout.VX + c]
+        state[layout.DRAG_PER_MASS, particles] = per_mass * (1.0 if chain.drag_ratio is None else chain.drag_ratio)
         state[layout.STIFFNESS, links], state[layout.LENGTH, links] = chain.k, chain.length
         if chain.inverse_squares is not None:
             state[layout.INVERSE, links] = chain.inverse_squares
@@ -238,11 +243,19 @@ class ExplicitStepper:
         self._damping_factors = _stacked([member.damping_factor for member in prepared])
         self._viscosities = _stacked([member.run.chain.p.link_viscosity for member in prepared])
         self._tension_dampings = _stacked([member.run.chain.p.tension_damping for member in prepared])
-        self._wind: tuple[Any, ...] = None, None, 0.0, 1
+        attached = [member.run.attached for member in prepared]
+        self._attached: tuple[Any, ...] = None, None
+        if run.attached is not None:
+            self._attached = tuple(
+                np.stack([getattr(one, name) for one in attached]) for name in ("particles", "numbers")
+            )
+        self._wind: tuple[Any, ...] = None, None, None, 0.0, 1
         if run.air is not None:  # such runs are alone
             tension = float(chain.tensions_and_forces(run.initial)[0].max())
             hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second, float(run.times[-1]))
-            self._wind = run.air.velocity[None], np.array([run.air.drag]), run.air.samples_per_second, hold
+            of_bodies = cast("ChainAir", run.air).bodies
+            bodies = None if of_bodies is None else of_bodies[None]
+            self._wind = run.air.velocity[None], np.array([run.air.drag]), bodies, run.air.samples_per_second, hold
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
         self._extremes = True if "tension_extremes" in run.outputs else None
 
@@ -257,7 +270,7 @@ class ExplicitStepper:
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
         kernel.verlet(
             self.states, self.is_finite, *self._kind, step, self._damping_factors, self._viscosities,
-            self._tension_dampings, *self._wind, self._patterns,
+            self._tension_dampings, *self._attached, *self._wind, self._patterns,
             self._table("factors", start, steps) if self._functions["factors"] else None,
             *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if damped else None,
             self._extremes, steps, start, self.instants.steps, first, last, self.saved, self._half_saved,

@@ -74,8 +74,11 @@ class ImplicitChainRun(NewtonRun):
         if p.damping_ratios is None:
             return NodalDamping.none()
         links = link_stiffness(chain, rest_shape(chain)[0])
-        mass = np.repeat(p.mass * chain.tributary_length[chain.free_particles], p.dims)
-        return NodalDamping.of(p, assembled(links, p.dims), mass, chain.arc_length / chain.total_length, links)
+        mass = np.repeat(chain.mass[chain.free_particles], p.dims)
+        stiffness = assembled(links, p.dims)
+        if self.attached is not None:
+            self.attached.add_stiffness(stiffness)
+        return NodalDamping.of(p, stiffness, mass, chain.arc_length / chain.total_length, links)
 
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run; models with other kernels override this."""
@@ -95,7 +98,7 @@ class ImplicitChainRun(NewtonRun):
             p.tension_damping is None,
             p.damping_ratios is None,
         )
-        terms = (damping, len(chain.time_dependent_loads()))
+        terms = (damping, self.attached is None, len(chain.time_dependent_loads()))
         sizes = (chain.links, p.dims, chain.law, free.start, free.stop, *sorted(self.moving))
         return self.method, self.spectral_radius, sizes, terms, self.outputs, self.times.tobytes()
 
@@ -104,7 +107,7 @@ class ImplicitChainRun(NewtonRun):
         """Return the places of runs of equal shape that are advanced together; others are left to single runs."""
         from cablepod.chain._lanes import groups_of_lanes
 
-        if steppers[0].run.chain.p.damping_ratios is not None:
+        if steppers[0].run.chain.p.damping_ratios is not None or steppers[0].run.attached is not None:
             return []
         return groups_of_lanes(steppers)
 
@@ -146,6 +149,8 @@ class ImplicitChainRun(NewtonRun):
         total = chain.forces(x, v) + chain.loads()
         for pattern, factor in chain.time_dependent_loads():
             total += factor(time)[:, None, None] * pattern
+        if self.attached is not None:
+            total += np.array([self.attached.force(*state) for state in zip(x, v, strict=True)])
         if self.air is not None:
             for i, instant in enumerate(time):
                 total[i] += self.air.force(x[i], v[i], float(instant))
@@ -201,7 +206,7 @@ class ImplicitStepper:
         self.run, self.instants = run, instants
         # the kernels loop over all particles: mass, loads, velocity and acceleration are 0 at the held ones
         self.mass = np.zeros(chain.links + 1)
-        self.mass[free] = p.mass * chain.tributary_length[free]
+        self.mass[free] = chain.mass[free]
         self.x = np.ascontiguousarray(run.initial.T)
         self.v = np.zeros_like(self.x)
         self.modal, first_force = run.modal_damping, run.first_force()
@@ -217,8 +222,8 @@ class ImplicitStepper:
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
         tension = float(np.abs(chain.tensions_and_forces(run.initial)[0]).mean())
-        rotation = min(max(math.sqrt(2.0 * TENSION_RTOL * tension / p.stiffness), MIN_ROTATION), MAX_ROTATION)
-        self.rotation_tolerance = run.newton_factor * rotation
+        rotation = math.sqrt(2.0 * TENSION_RTOL * tension / chain.largest_axial_stiffness)
+        self.rotation_tolerance = run.newton_factor * min(max(rotation, MIN_ROTATION), MAX_ROTATION)
         self.iterations, self.substepped = 0, 0
 
     def _of_free(self, values: np.ndarray) -> np.ndarray:
@@ -290,10 +295,12 @@ class ImplicitStepper:
         """Number of variables saved in a lane: positions, or also velocities and accelerations."""
         return 3 if self.run.wants_velocity(self.instants) else 1
 
-    def _wind(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return velocity of the air, places of instants [s] between its samples, and drag for the kernels."""
+    def _wind(self, time: np.ndarray) -> tuple[Any, ...]:
+        """Return velocity of the air, places of instants [s] between its samples, drag of cable and bodies for the kernels."""
         air: Any = self.run.air
-        return air.velocity, time * air.samples_per_second, air.drag
+        if air is None:
+            return None, None, None, None
+        return air.velocity, time * air.samples_per_second, air.drags, air.bodies
 
     def _kernel(
         self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
@@ -324,6 +331,7 @@ class ImplicitStepper:
             p.link_viscosity,
             p.tension_damping,
             self.modal,
+            *((None, None) if run.attached is None else (run.attached.particles, run.attached.numbers)),
         )
         end_tables = (
             np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
@@ -332,13 +340,12 @@ class ImplicitStepper:
         rotation = self.rotation_by_rounding(ends)
         last = (run.divergence_bound, start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
-            wind = (None, None, None) if run.air is None else self._wind(0.5 * (time[1:] + time[:-1]))
             done, iterations = kernel_energy_momentum.energy_momentum(
                 self.x,
                 self.v,
                 *links,
                 *loads,
-                *wind,
+                *self._wind(0.5 * (time[1:] + time[:-1])),
                 *end_tables,
                 step,
                 MIN_ROUNDING * rotation,
@@ -347,7 +354,7 @@ class ImplicitStepper:
             )
         else:
             is_damped = p.link_viscosity is not None or p.tension_damping is not None or run.air is not None
-            is_damped = is_damped or p.damping_ratios is not None
+            is_damped = is_damped or p.damping_ratios is not None or run.attached is not None
             rates = p.end_positions(time, 1) if is_damped else None
             done, iterations = kernel_generalized_alpha.generalized_alpha(
                 self.x,
@@ -356,7 +363,7 @@ class ImplicitStepper:
                 self.force,
                 *links,
                 *loads,
-                *((None, None, None) if run.air is None else self._wind(time)),
+                *self._wind(time),
                 *end_tables,
                 rates,
                 step,

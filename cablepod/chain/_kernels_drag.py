@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import compiled
+from cablepod.chain._kernels_attached import add_body_drag
 from cablepod.chain._kernels_layout import (
     BASE_X,
+    DRAG_PER_MASS,
     DRAG_X,
     LINE,
     PER_MASS,
@@ -30,8 +32,10 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
         Positions [m] and velocities [m/s].
     wind : float array (samples, dims, n + 1)
         Velocity of the air at the particles [m/s], linear between the samples.
-    place, drag : float
-        Place between the samples; half the density of the air times drag coefficient and diameter [kg/m2].
+    place : float
+        Place between the samples.
+    drag : float array (n + 1,)
+        Half the density of the air times drag coefficient and diameter at the particles [kg/m2].
     first, last : int
         The free particles, first ... last - 1.
     force, damping : float arrays (dims, n + 1), (n + 1,)
@@ -56,7 +60,7 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
         for c in range(dims):
             force[c, p] -= along * (x[c, above] - x[c, below])
             speed_squared += force[c, p] * force[c, p]
-        damping[p] = 0.5 * drag * math.sqrt(square * speed_squared)
+        damping[p] = 0.5 * drag[p] * math.sqrt(square * speed_squared)
         for c in range(dims):
             force[c, p] *= damping[p]
 
@@ -161,8 +165,8 @@ def _drag_on(s, scratch, row, first, count, share, half_drag, before, after, spa
     for c in range(2 if spatial is None else 3):
         _subtract(count, share, before[c, first:], after[c, first:], s[VX + c, first:], s[row + c, first:])
     _resist(
-        count, half_drag, s[PER_MASS, first:], s[scratch, first:], s[row, first:], s[scratch + 1, first:], s[row + 1, first:],
-        None if spatial is None else s[scratch + 2, first:], None if spatial is None else s[row + 2, first:],
+        count, half_drag, s[DRAG_PER_MASS, first:], s[scratch, first:], s[row, first:], s[scratch + 1, first:],
+        s[row + 1, first:], None if spatial is None else s[scratch + 2, first:], None if spatial is None else s[row + 2, first:],
     )  # fmt: skip
 
 
@@ -174,13 +178,13 @@ def _extrapolate_drag(count, now, before, old, base, increments):
 
 
 @compiled(counted=False)
-def apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial):
+def apply_drag(s, links, wind, place, drag, bodies, step, target, evaluation, spatial):
     """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
 
     The increments of this evaluation and the two before are extrapolated to their mean over the steps until the next one, in the
     rows from `target` on.  Evaluations are numbered from 0; each replaces that three before, and those before the start are that
     of the start.  Loops take whole vectors of LINE particles, as scalar roots and divisions of a remainder would take as long as
-    the rest: the last vector computes some particles of the one before again.
+    the rest: the last vector computes some particles of the one before again.  `bodies` (n + 1,) have drag of their own [kg/m].
     """
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
@@ -199,6 +203,8 @@ def apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial):
         _drag_on(s, target, now, first, count, share, half_drag, before, after, spatial)
     elif whole < count:
         _drag_on(s, target, now, last, LINE, share, half_drag, before, after, spatial)
+    if bodies is not None:
+        add_body_drag(s, links, before, after, share, bodies, now, 2 if spatial is None else 3)
     columns = (links + LINE) // LINE * LINE
     for c in range(2 if spatial is None else 3):
         _extrapolate_drag(columns, s[now + c], s[earlier + c], s[oldest + c], s[BASE_X + c], s[target + c])

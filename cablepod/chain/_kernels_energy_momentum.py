@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.chain._kernels_attached import body_drag
 from cablepod.chain._kernels_drag import drag_forces, drag_tangent
 from cablepod.chain._kernels_generalized_alpha import (
     MAX_ITERATIONS,
@@ -16,7 +17,9 @@ from cablepod.chain._kernels_generalized_alpha import (
     _remainder,
     _repeat,
     _set_ends,
+    _sum,
     _update_extremes,
+    _with_attached,
     _with_modal_damping,
 )
 from cablepod.chain._kernels_links import link_forces_conserving
@@ -25,8 +28,8 @@ from cablepod.chain._kernels_links import link_forces_conserving
 @compiled
 def energy_momentum(
     x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, modal, wind, wind_places, drag, lower, upper, step, rotation_tolerance, rounding, bound, start, steps,
-    save_steps, saved, low, high,
+    tension_damping, modal, particles, attached, wind, wind_places, drag, bodies, lower, upper, step, rotation_tolerance,
+    rounding, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
@@ -36,10 +39,10 @@ def energy_momentum(
     the middle of the step, `wind_places` (steps,).  The residual has a systematic sign and accumulates in the energy: iterations
     continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
     """
-    dims, particles = x.shape
-    f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))
-    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
-    workspace = np.zeros((2 * dims, particles))
+    dims, count = x.shape
+    f, s = np.zeros(dims * count + 1), np.zeros((3 if dims == 2 else 6, count + 1))
+    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, count)), np.zeros(x.size)
+    workspace = np.zeros((2 * dims, count))
     trial, last_displacement = x.copy(), step * v.reshape(-1)
     masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_trial, steady = x.reshape(-1), v.reshape(-1), trial.reshape(-1), loads.reshape(-1)
@@ -47,7 +50,8 @@ def energy_momentum(
     solved = diagonal + modal.half_ratio * 2.0 / (step * step) * masses
     damping_force = np.zeros_like(x)
     middle, rates = np.zeros_like(x), np.zeros_like(x)
-    air_force, air_damping, own = np.zeros_like(x), np.zeros(particles), np.zeros((3 * dims - 3, particles))
+    air_force, air_damping, own = np.zeros_like(x), np.zeros(count), np.zeros((3 * dims - 3, count))
+    attached_force = np.zeros_like(x)
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -69,9 +73,9 @@ def energy_momentum(
             iterations += 1
             link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, tension_damping, 1.0 / step, f, s)
             known = fixed_force
-            if wind is not None or modal.matrix.size > 0:
+            if wind is not None or attached is not None or modal.matrix.size > 0:
                 for c in range(dims):
-                    for p in range(particles):
+                    for p in range(count):
                         middle[c, p] = 0.5 * (x[c, p] + trial[c, p])
                         rates[c, p] = (trial[c, p] - x[c, p]) / step
             if modal.matrix.size > 0:
@@ -79,10 +83,15 @@ def energy_momentum(
             if wind is not None:
                 drag_forces(middle, rates, wind, wind_places[i], drag, first, last, air_force, air_damping)
                 drag_tangent(middle, first, last, 1.0 / step, air_force, air_damping, own)
-                flat_air = air_force.reshape(-1)
-                for q in range(d.size):
-                    flat_air[q] += known[q]
-                rotation = _correction(f, s, flat_air, diagonal, solved, own, d, b, workspace, first, last, per_length)
+                if bodies is not None:
+                    body_drag(rates, wind, wind_places[i], bodies, air_force, 1.0 / step, own)
+                known = _sum(air_force, known)
+            if attached is not None:
+                if wind is None:
+                    own[:] = 0.0
+                known = _with_attached(particles, attached, middle, rates, 0.5, 1.0 / step, known, attached_force, own)
+            if wind is not None or attached is not None:
+                rotation = _correction(f, s, known, diagonal, solved, own, d, b, workspace, first, last, per_length)
             else:
                 rotation = _correction(f, s, known, diagonal, solved, None, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)

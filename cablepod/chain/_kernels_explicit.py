@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.chain._kernels_attached import apply_attached, note_attached
 from cablepod.chain._kernels_drag import apply_drag
 from cablepod.chain._kernels_layout import (
     BX,
@@ -213,8 +214,8 @@ def _extremes(s, links, green, spatial):
 
 @compiled(inline="always")
 def _steps(
-    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, patterns, factors, rows, columns, ends,
-    end_rates, begin, end, extremes,
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, particles, attached, patterns, factors, rows,
+    columns, ends, end_rates, begin, end, extremes,
 ):  # fmt: skip
     """Take the steps begin ... end - 1 of the tables."""
     for i in range(begin, end):
@@ -234,15 +235,19 @@ def _steps(
             _add_tension_damping(s, links, tension_damping, spatial)
         if patterns is not None:
             _load_increments(s, links, patterns, factors, i, spatial)
+        if attached is not None:
+            note_attached(s, particles, attached)
         _kick_and_drift(s, links, step, damping_factor, spatial)
+        if attached is not None:
+            apply_attached(s, particles, attached, step)
         for m in range(rows.size):
             s[rows[m], columns[m]] = ends[m, i + 1]
 
 
 @compiled
 def _advance(
-    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
-    factors, rows, columns, ends, end_rates, start, begin, end, extremes,
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, particles, attached, wind, drag, bodies,
+    samples_per_second, hold, patterns, factors, rows, columns, ends, end_rates, start, begin, end, extremes,
 ):  # fmt: skip
     """Take the steps begin ... end - 1 of the tables, without saving, so that the compiler sees a plain loop."""
     i = begin
@@ -253,20 +258,21 @@ def _advance(
             if start + i == evaluation * hold:
                 place = (start + i - 0.5) * step * samples_per_second
                 target = LOAD_X if patterns is None else STEADY_X
-                apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial)
+                apply_drag(s, links, wind, place, drag, bodies, step, target, evaluation, spatial)
                 evaluation += 1
             last = min(evaluation * hold - start, end)
         _steps(
-            s, links, spatial, green, step, damping_factor, viscosity, tension_damping, patterns, factors, rows, columns, ends,
-            end_rates, i, last, extremes,
+            s, links, spatial, green, step, damping_factor, viscosity, tension_damping, particles, attached, patterns,
+            factors, rows, columns, ends, end_rates, i, last, extremes,
         )  # fmt: skip
         i = last
 
 
 @compiled(inline="always")
 def _verlet(
-    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
-    factors, rows, columns, ends, end_rates, extremes, steps, start, save_steps, saved, saved_half,
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, particles, attached, wind, drag, bodies,
+    samples_per_second, hold, patterns, factors, rows, columns, ends, end_rates, extremes, steps, start, save_steps, saved,
+    saved_half,
 ):  # fmt: skip
     """Advance one chain as :func:`verlet` does, with arrays without their first dimension."""
     dims = saved.shape[1]
@@ -282,8 +288,8 @@ def _verlet(
         if target == steps and save + saving < save_steps.size:
             target = save_steps[save + saving] - start
         _advance(
-            s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold,
-            patterns, factors, rows, columns, ends, end_rates, start, i, target, extremes,
+            s, links, spatial, green, step, damping_factor, viscosity, tension_damping, particles, attached, wind, drag,
+            bodies, samples_per_second, hold, patterns, factors, rows, columns, ends, end_rates, start, i, target, extremes,
         )  # fmt: skip
         i = target
         if saving:
@@ -294,9 +300,9 @@ def _verlet(
 
 @compiled
 def verlet(
-    states, is_active, links, spatial, green, step, damping_factors, viscosities, tension_dampings, winds, drags,
-    samples_per_second, hold, patterns, factors, rows, columns, ends, end_rates, extremes, steps, start, save_steps,
-    first, last, saved, saved_half,
+    states, is_active, links, spatial, green, step, damping_factors, viscosities, tension_dampings, particles, attached, winds,
+    drags, bodies, samples_per_second, hold, patterns, factors, rows, columns, ends, end_rates, extremes, steps, start,
+    save_steps, first, last, saved, saved_half,
 ):  # fmt: skip
     """Advance chains of equal shape by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -321,10 +327,14 @@ def verlet(
         Viscosity of the links over their stiffness [s]; only with the linear law.
     tension_dampings : float array (chains,) or None
         Damping by the tension [s], see :func:`_add_tension_damping`.
+    particles, attached : int array (chains, attachments), float array (chains, attachments, COLUMNS) or None
+        Particles with dampers or springs, and their numbers, see :mod:`cablepod.chain._kernels_attached`; None without.
     winds : float array (chains, samples, dims, n + 1) or None
         Velocity of the air at the particles [m/s], linear between the samples, from the start of the run on.
     drags : float array (chains,)
-        Half the density of the air times drag coefficient and diameter [kg/m2]; only with winds.
+        Half the density of the air times drag coefficient and diameter [kg/m2], mean of the cable; only with winds.
+    bodies : float array (chains, n + 1) or None
+        Half the density of the air times drag area at the particles [kg/m]; only with winds.
     samples_per_second, hold : float, int
         Of the winds [1/s]; number of steps from one evaluation of the drag to the next.
     patterns, factors : float arrays (chains, loads, dims, n + 1), (chains, loads, steps + 1 or more) or None
@@ -353,8 +363,11 @@ def verlet(
                 None if damping_factors is None else damping_factors[m],
                 None if viscosities is None else viscosities[m],
                 None if tension_dampings is None else tension_dampings[m],
+                None if attached is None else particles[m],
+                None if attached is None else attached[m],
                 None if winds is None else winds[m],
                 None if winds is None else drags[m],
+                None if bodies is None else bodies[m],
                 samples_per_second, hold,
                 None if patterns is None else patterns[m],
                 None if factors is None else factors[m],
@@ -392,6 +405,6 @@ def secant_modulus(tension, stiffness, green):
 
 @compiled
 def secant_moduli(tensions, stiffness, green, out):
-    """Fill `out` (links,) with the :func:`secant_modulus` of each link."""
+    """Fill `out` (links,) with the :func:`secant_modulus` of each link, of an axial stiffness (links,) [N]."""
     for j in range(tensions.size):
-        out[j] = secant_modulus(tensions[j], stiffness, green)
+        out[j] = secant_modulus(tensions[j], stiffness[j], green)

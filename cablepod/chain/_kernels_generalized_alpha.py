@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED, compiled
+from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
 from cablepod.chain._kernels_drag import drag_forces, drag_tangent
 from cablepod.chain._kernels_links import link_forces_planar, link_forces_spatial
@@ -91,6 +92,27 @@ def _with_modal_damping(modal, rates, first, part, fixed_force, forces, s):
     return flat
 
 
+@compiled
+def _sum(forces, fixed_force):
+    """Add `fixed_force`, flat, to forces (dims, n + 1); returns these, flat."""
+    flat = forces.reshape(-1)
+    for q in range(flat.size):
+        flat[q] += fixed_force[q]
+    return flat
+
+
+@compiled
+def _with_attached(particles, attached, x, v, part, rate, fixed_force, forces, own):
+    """Return the sum of `fixed_force` and the forces of dampers and springs, in `forces` (dims, n + 1), flat.
+
+    Their tangent is added to `own`, see :func:`cablepod.chain._kernels_attached.attached_tangent`.
+    """
+    forces[:] = 0.0
+    attached_forces(x, v, particles, attached, forces)
+    attached_tangent(particles, attached, part, rate, own)
+    return _sum(forces, fixed_force)
+
+
 @compiled(inline="always")
 def _correct(d, b, x, trial):
     """Add the correction b to the displacements d and update the trial positions."""
@@ -155,8 +177,8 @@ def _update_extremes(x, low, high, inverse_squares, k, length):
 @compiled
 def generalized_alpha(
     x, v, a, g, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, modal, wind, wind_places, drag, lower, upper, end_rates, step, alpha_m, alpha_f, beta, gamma,
-    rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
+    tension_damping, modal, particles, attached, wind, wind_places, drag, bodies, lower, upper, end_rates, step, alpha_m,
+    alpha_f, beta, gamma, rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of generalized alpha (Chung and Hulbert 1993); alphas 0 give the trapezoidal rule.
 
@@ -185,9 +207,13 @@ def generalized_alpha(
         Damping by the tension [s], see :func:`cablepod.chain._kernels_links.link_forces_planar`.
     modal : NodalDamping
         Damping by ratios, see :class:`cablepod.discretisation._modal_damping.NodalDamping`; it needs `end_rates`.
-    wind, wind_places, drag : float arrays (samples, dims, n + 1), (steps + 1,), float, or None
+    particles, attached : int array (attachments,), float array (attachments, COLUMNS) or None
+        Particles with dampers or springs, and their numbers, see :mod:`cablepod.chain._kernels_attached`; they need `end_rates`.
+    wind, wind_places, drag : float arrays (samples, dims, n + 1), (steps + 1,), (n + 1,), or None
         Velocity of the air at the particles [m/s], linear between the samples; places of the steps between the samples; half the
         density of the air times drag coefficient and diameter [kg/m2].
+    bodies : float array (n + 1,) or None
+        Half the density of the air times drag area at the particles [kg/m]; only with wind.
     lower, upper : float arrays (steps + 1, dims) or None
         Positions of the ends at the steps [m].
     end_rates : float array (steps + 1, 2, dims) or None
@@ -215,12 +241,12 @@ def generalized_alpha(
         Number of steps done and of iterations.  If Newton's method does not converge, fewer steps are done, and the state is that
         before the failing step.  A step that leaves the bound is the last one done.
     """
-    dims, particles = x.shape
-    f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))
-    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
-    workspace = np.zeros((2 * dims, particles))
-    trial, rates = x.copy(), np.zeros((dims, particles))
-    air_force, air_damping, own = np.zeros((dims, particles)), np.zeros(particles), np.zeros((3 * dims - 3, particles))
+    dims, count = x.shape
+    f, s = np.zeros(dims * count + 1), np.zeros((3 if dims == 2 else 6, count + 1))
+    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, count)), np.zeros(x.size)
+    workspace = np.zeros((2 * dims, count))
+    trial, rates = x.copy(), np.zeros((dims, count))
+    air_force, air_damping, own = np.zeros((dims, count)), np.zeros(count), np.zeros((3 * dims - 3, count))
     masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_a, flat_g, flat_trial = (
         x.reshape(-1),
@@ -235,7 +261,8 @@ def generalized_alpha(
     old_g, old_a = alpha_f / (1.0 - alpha_f), alpha_m / (1.0 - alpha_f)
     diagonal = masses * (inertia * per_d + (0.0 if damping is None else damping * rate))
     solved = diagonal + modal.half_ratio * rate * rate * masses
-    damping_force = np.zeros((dims, particles))
+    damping_force = np.zeros((dims, count))
+    attached_force = np.zeros((dims, count))
     steady, last_a, first_a = loads.reshape(-1), flat_a.copy(), flat_a.copy()
     allowed = REMAINDER if modal.matrix.size == 0 else MODAL_REMAINDER
     iterations, save = 0, 0
@@ -273,17 +300,17 @@ def generalized_alpha(
                 for c in range(dims):
                     if first == 1:
                         rates[c, 0] = end_rates[i + 1, 0, c]
-                    if last == particles - 1:
+                    if last == count - 1:
                         rates[c, last] = end_rates[i + 1, 1, c]
             if dims == 2:
                 link_forces_planar(
                     trial[0], trial[1], rates[0], rates[1], k, length, inverse_squares, viscosity, tension_damping,
-                    rate, f, f[particles:], s[0], s[1], s[2],
+                    rate, f, f[count:], s[0], s[1], s[2],
                 )  # fmt: skip
             else:
                 link_forces_spatial(
                     trial[0], trial[1], trial[2], rates[0], rates[1], rates[2], k, length, inverse_squares, viscosity,
-                    tension_damping, rate, f, f[particles:], f[2 * particles :], s,
+                    tension_damping, rate, f, f[count:], f[2 * count :], s,
                 )  # fmt: skip
             known = fixed_force
             if modal.matrix.size > 0:
@@ -291,10 +318,15 @@ def generalized_alpha(
             if wind is not None:
                 drag_forces(trial, rates, wind, wind_places[i + 1], drag, first, last, air_force, air_damping)
                 drag_tangent(trial, first, last, rate, air_force, air_damping, own)
-                flat_air = air_force.reshape(-1)
-                for q in range(d.size):
-                    flat_air[q] += known[q]
-                rotation = _correction(f, s, flat_air, diagonal, solved, own, d, b, workspace, first, last, per_length)
+                if bodies is not None:
+                    body_drag(rates, wind, wind_places[i + 1], bodies, air_force, rate, own)
+                known = _sum(air_force, known)
+            if attached is not None:
+                if wind is None:
+                    own[:] = 0.0
+                known = _with_attached(particles, attached, trial, rates, 1.0, rate, known, attached_force, own)
+            if wind is not None or attached is not None:
+                rotation = _correction(f, s, known, diagonal, solved, own, d, b, workspace, first, last, per_length)
             else:
                 rotation = _correction(f, s, known, diagonal, solved, None, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)

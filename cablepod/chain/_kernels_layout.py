@@ -22,6 +22,7 @@ BX, BY, BZ = range(22, 25)  #: velocities a whole step before VX, VY, VZ [m/s]
 LOW, HIGH = range(25, 27)  #: of T |T| of the links [N^2], which needs no root; with law (21) compression is negative
 # only with wind
 BASE_X, BASE_Y, BASE_Z = range(27, 30)  #: velocity increments by the constant loads in a step without drag [m/s]
+DRAG_PER_MASS = 39  #: PER_MASS times the drag of the cable at the particle over the mean of the cable
 DRAG_X = 30  #: velocity increments by the drag [m/s], of the last three evaluations by turns; 0 at held ends
-ROWS = 39
+ROWS = 40
 LINE = 8  #: numbers in a cache line

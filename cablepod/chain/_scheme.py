@@ -13,6 +13,7 @@ import numpy as np
 from cablepod._resources import check_memory
 from cablepod.chain import _implicit as implicit
 from cablepod.chain._air import ChainAir
+from cablepod.chain._attached import attached_forces
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.chain._start import start
@@ -36,7 +37,6 @@ from cablepod.integrate._space_error import (
 )
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
 from cablepod.parameters._checks import number
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import air_of
 
@@ -83,7 +83,6 @@ def prepare(
         For options that do not fit this scene, a scene without equilibrium, an output that would not fit in memory.
     """
     check_viscous_law(request.law, p.link_viscosity)
-    refuse_nonuniform(p, "a cable without them")
     chain = chain_of(p, request.links, request.law)
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"
@@ -91,14 +90,15 @@ def prepare(
     cable_air = air_of(p, float(instants[-1]), request.wind)
     air = None if cable_air is None else ChainAir(chain, cable_air)
     initial = start(chain, air)
+    attached = attached_forces(chain, initial, air)
     arguments = (chain, instants, initial, request.outputs, progress, title)
-    explicit = ExplicitChainRun(*arguments, window=request.window, air=air)
+    explicit = ExplicitChainRun(*arguments, window=request.window, air=air, attached=attached)
     limit = explicit.step_limit
     run: ChainRun = explicit
     scheme = implicit_scheme(p, request.scheme, implicit.SCHEMES)
     if scheme not in (None, explicit.scheme):
         run = ImplicitChainRun(
-            *arguments, method=scheme, spectral_radius=request.radius, window=request.window, air=air
+            *arguments, method=scheme, spectral_radius=request.radius, window=request.window, air=air, attached=attached
         )
     explicit_limit = limit if run is explicit else None
     others = "; implicit schemes have none"

@@ -20,7 +20,6 @@ from cablepod.integrate._coarse import warn_of_few_links
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.scene._notes import warn_of_unusual
 from cablepod.wind._air import mean_air_of
 from cablepod.wind._profile import air_at_rest
@@ -74,7 +73,6 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
     """
     check_law(law)
     p = parameters(scene)
-    refuse_nonuniform(p, "a cable without them")
     chain = chain_of(p, links, law)
     cable_air = mean_air_of(p)
     air = None if cable_air is None else ChainAir(chain, cable_air)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,12 @@ import numpy as np
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
 from cablepod.discretisation._laws import LAWS, green_secant, strain_energy_density, tangent_stiffness_ratio
+from cablepod.discretisation._nonuniform import (
+    compliances,
+    lengths_between_attachments,
+    lumped,
+    nearest_particles,
+)
 from cablepod.discretisation._step_limit import highest_axial_frequency, verlet_step_limit
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
@@ -22,14 +28,16 @@ from cablepod.parameters._time_functions import TimeFunction
 class LumpedChain:
     """Links and masses of the chain of a scene.
 
-    A particle carries half the mass and load of the links beside it.  A point load acts on the two particles of its link by the
-    lever rule.
+    A particle carries half the mass and load of the links beside it, of a cable of several segments by the lever rule.  So does
+    a point load act on the two particles of its link; an attachment has a particle of its own.
     """
 
     p: Parameters
     length: np.ndarray  #: unstretched lengths of the links (n,) [m]
     arc_length: np.ndarray  #: unstretched arc length of the particles (n + 1,) [m]
     law: str = LAWS[0]  #: one of LAWS
+    #: unstretched length of the scene, to which distances of attachments belong [m]; None for that of the chain
+    scene_length: float | None = field(default=None, kw_only=True)
 
     @cached_property
     def green(self) -> bool:
@@ -49,7 +57,74 @@ class LumpedChain:
     @cached_property
     def k(self) -> np.ndarray:
         """Stiffness of the links (n,) [N/m]."""
-        return self.p.stiffness / self.length
+        if not self.p.segments:
+            return self.p.stiffness / self.length
+        return 1.0 / compliances(self.arc_length, self._borders, self._of_segments("stiffness"))
+
+    @cached_property
+    def axial_stiffness(self) -> float | np.ndarray:
+        """Axial stiffness K of the links [N]: one number, or (n,) of a cable of several segments."""
+        return self.k * self.length if self.p.segments else self.p.stiffness
+
+    @cached_property
+    def largest_axial_stiffness(self) -> float:
+        """Largest axial stiffness K along the cable [N]."""
+        return max((segment.stiffness for segment in self.p.segments), default=self.p.stiffness)
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Masses of the particles (n + 1,) [kg]."""
+        return self._of_particles("mass")
+
+    @property
+    def _weights(self) -> np.ndarray:
+        """Weights of the particles (n + 1, dims) [N]."""
+        return self._of_particles("weight")
+
+    @property
+    def _borders(self) -> list[float]:
+        """Borders of the segments as fractions of the length (segments + 1,)."""
+        return [0.0, *(segment.end for segment in self.p.segments)]
+
+    def _of_segments(self, name: str) -> np.ndarray:
+        """Return a property of the segments (segments, ...)."""
+        return np.array([getattr(segment, name) for segment in self.p.segments])
+
+    def _of_particles(self, name: str) -> np.ndarray:
+        """Return mass or weight of the particles (n + 1, ...)."""
+        p = self.p
+        if p.segments:
+            result = lumped(self.arc_length, self._borders, self._of_segments(name))
+        else:
+            result = np.multiply.outer(self.tributary_length, np.asarray(getattr(p, name)))
+        for attachment, fraction in zip(p.attachments, self._fractions, strict=True):
+            j, weight = self.lever(fraction)
+            result[j] += (1.0 - weight) * getattr(attachment, name)
+            result[j + 1] += weight * getattr(attachment, name)
+        return result
+
+    @cached_property
+    def attached_particles(self) -> np.ndarray:
+        """Particles at the attachments, in their order (attachments,)."""
+        return nearest_particles(self.arc_length, np.array(self._fractions))
+
+    @property
+    def _fractions(self) -> list[float]:
+        """Places of the attachments as fractions of the length (attachments,)."""
+        length = self.total_length if self.scene_length is None else self.scene_length
+        return [attachment.fraction(length) for attachment in self.p.attachments]
+
+    @cached_property
+    def drag_ratio(self) -> np.ndarray | None:
+        """Drag coefficient times diameter at the particles over the mean of the cable (n + 1,); None for equal ones."""
+        p = self.p
+        if p.diameter is None or len({(part.drag_coefficient, part.diameter) for part in p.segments}) < 2:
+            return None
+        widths = self._of_segments("drag_coefficient") * self._of_segments("diameter")
+        mean = p.drag_coefficient * p.diameter
+        if mean == 0.0:
+            return None
+        return lumped(self.arc_length, self._borders, widths) / (mean * self.tributary_length)
 
     @cached_property
     def inverse_squares(self) -> np.ndarray | None:
@@ -80,7 +155,7 @@ class LumpedChain:
 
     def loads(self, time: float | None = None) -> np.ndarray:
         """Return the loads on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
-        total = self.tributary_length[:, None] * self.p.weight
+        total = self._weights
         for pattern, factor in self._patterns:
             if factor is None:
                 total = total + pattern
@@ -157,7 +232,9 @@ class LumpedChain:
     def strain_energy(self, position: np.ndarray) -> np.ndarray:
         """Return the strain energy of all links (...) [J] at positions (..., n + 1, dims) [m]."""
         per_length = strain_energy_density(self.stretch(position), green=self.green)
-        return self.p.stiffness * (per_length * self.length).sum(axis=-1)
+        if not self.p.segments:
+            return self.p.stiffness * (per_length * self.length).sum(axis=-1)
+        return (per_length * self.axial_stiffness * self.length).sum(axis=-1)
 
     def tangent_stiffness_ratio(self, position: np.ndarray) -> np.ndarray:
         """Return the tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m].
@@ -172,8 +249,10 @@ class LumpedChain:
         The distance of the ends is sampled at 1001 instants, independently of the output times.
         """
         ends = self.p.end_positions(np.linspace(0.0, end_time, 1001))
-        stretch = np.sqrt(square(ends[:, 1] - ends[:, 0])).max() / self.total_length
-        return float(tangent_stiffness_ratio(float(stretch) ** 2)) if self.green else 1.0
+        stretch = float(np.sqrt(square(ends[:, 1] - ends[:, 0])).max() / self.total_length)
+        if self.p.segments:  # that of the softest
+            stretch = 1.0 + (stretch - 1.0) * self.p.stiffness / self._least_stiffness
+        return float(tangent_stiffness_ratio(stretch**2)) if self.green else 1.0
 
     def highest_frequency(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
         """Return a bound of the angular frequencies [rad/s] for links of at most `stiffness_ratio` times `k`.
@@ -191,19 +270,27 @@ class LumpedChain:
         return self._axial_frequency(1.0)
 
     def _axial_frequency(self, stiffness_ratio: np.ndarray | float) -> float:
-        mass = self.p.mass * self.tributary_length
-        return highest_axial_frequency(mass, stiffness_ratio * self.k, self.free_particles)
+        springs = None
+        if any(attachment.spring for attachment in self.p.attachments):
+            springs = np.zeros(self.links + 1)
+            springs[self.attached_particles] = [attachment.spring for attachment in self.p.attachments]
+        return highest_axial_frequency(self.mass, stiffness_ratio * self.k, self.free_particles, springs)
 
     def step_limit(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
         """Return the stability limit of velocity Verlet [s], see :mod:`cablepod.discretisation._step_limit`."""
         return verlet_step_limit(self.highest_frequency(stiffness_ratio), self._axial_viscosity)
 
     @property
+    def _least_stiffness(self) -> float:
+        """Least axial stiffness K along the cable [N]."""
+        return min((segment.stiffness for segment in self.p.segments), default=self.p.stiffness)
+
+    @property
     def _axial_viscosity(self) -> float | None:
         """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that."""
         if self.p.tension_damping is None:
             return self.p.link_viscosity
-        strain = float(self.statics[4:].max()) / self.p.stiffness
+        strain = float(self.statics[4:].max()) / self._least_stiffness
         return (self.p.link_viscosity or 0.0) + self.p.tension_damping * strain
 
 
@@ -222,14 +309,16 @@ def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, lea
         raise SceneError(
             "chain.links: missing; allowed: a whole number of at least 2 in the scene, or the argument links"
         )
-    check_memory(1, count, p.dims, key="links" if links is not None else "chain.links")
+    key = "links" if links is not None else "chain.links"
+    check_memory(1, count, p.dims, key=key)
     relative = np.ones(count) if p.link_lengths is None else p.link_lengths
     if relative.size != count:
         raise scene_error(
             "links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those"
         )
     total = unstretched_length(p)
-    length = total * (relative / relative.sum())
+    even = total * (relative / relative.sum())
+    length = lengths_between_attachments(p, total, count, key) if p.attachments else even
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
     arc_length[-1] = total
     return LumpedChain(p, length, arc_length, law)

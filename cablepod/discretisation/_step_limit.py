@@ -7,7 +7,9 @@ import math
 import numpy as np
 
 
-def highest_axial_frequency(mass: np.ndarray, stiffness: np.ndarray, free: slice) -> float:
+def highest_axial_frequency(
+    mass: np.ndarray, stiffness: np.ndarray, free: slice, springs: np.ndarray | None = None
+) -> float:
     """Return the highest axial angular frequency of the straight chain [rad/s].
 
     A link is stiffest along itself, so that no shape has a higher frequency.  The frequencies are the square roots of the
@@ -21,13 +23,15 @@ def highest_axial_frequency(mass: np.ndarray, stiffness: np.ndarray, free: slice
         Tangent stiffness of the links (n,) [N/m].
     free
         Particles that move freely; the others are held.
+    springs
+        Stiffness of springs between the particles and the ground (n + 1,) [N/m]; None without.
     """
     from scipy.linalg import eigvalsh_tridiagonal  # takes longer to import than a short run
 
     first, last = free.start, free.stop
     m = mass[first:last]
     k = np.concatenate([[0.0], stiffness, [0.0]])
-    diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
+    diagonal = (k[first:last] + k[first + 1 : last + 1] + (0.0 if springs is None else springs[first:last])) / m
     if diagonal.size == 1:
         return math.sqrt(diagonal[0])
     off = -k[first + 1 : last] / np.sqrt(m[:-1] * m[1:])

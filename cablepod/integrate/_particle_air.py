@@ -10,6 +10,24 @@ import numpy as np
 OF_DRAG = "by the rate at which drag changes the velocity of so light a cable"
 
 
+class ParticleForces(Protocol):
+    """Forces of dampers and springs on the particles of a chain."""
+
+    @property
+    def particles(self) -> np.ndarray:
+        """Particles on which they act (attachments,)."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Numbers of each for the kernels (attachments, ...)."""
+
+    def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the forces on the particles (n + 1, dims) [N]."""
+
+    def add_stiffness(self, matrix: np.ndarray) -> None:
+        """Add the springs to the stiffness of the free particles (unknowns, unknowns) [N/m]."""
+
+
 class ParticleAir(Protocol):
     """Drag of the wind on the particles of a chain."""
 

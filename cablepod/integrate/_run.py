@@ -31,7 +31,7 @@ from cablepod.integrate._output import (
     trajectory_variables,
 )
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
-from cablepod.integrate._particle_air import OF_DRAG, ParticleAir
+from cablepod.integrate._particle_air import OF_DRAG, ParticleAir, ParticleForces
 from cablepod.integrate._peaks import PeakSearch, Watch
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
@@ -90,6 +90,8 @@ class ChainRun:
     judged: np.ndarray | None = field(default=None, kw_only=True)
     #: Drag of the wind on the particles; None for still air
     air: ParticleAir | None = field(default=None, kw_only=True)
+    #: Dampers and springs on the particles; None without
+    attached: ParticleForces | None = field(default=None, kw_only=True)
 
     @property
     def scheme(self) -> str:
@@ -168,6 +170,8 @@ class ChainRun:
         rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
         rates[free] = 0.0
         total = self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
+        if self.attached is not None:
+            total = total + self.attached.force(self.initial, rates)
         return total if self.air is None else total + self.air.force(self.initial, rates)
 
     def state(

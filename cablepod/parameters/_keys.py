@@ -110,11 +110,7 @@ POINT_LOAD = {
 SEGMENT = {
     "from": Key(number(least=0.0, most=1.0), "1", "lower end of the segment as a fraction of the length"),
     "to": Key(number(above=0.0, most=1.0), "1", "upper end of the segment as a fraction of the length"),
-    **{
-        name: replace(key, required=False)
-        for name, key in CABLE.items()
-        if name not in (*LENGTH_KEYS, "thermal_expansion")  # the length of the whole
-    },
+    **{name: replace(key, required=False) for name, key in CABLE.items() if name not in LENGTH_KEYS},
 }
 #: Keys of the place of an attachment, one of which is given.
 PLACE_KEYS = ("arc_length", "distance_from_lower", "distance_from_upper")

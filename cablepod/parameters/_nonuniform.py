@@ -100,23 +100,35 @@ def with_segments_and_attachments(
     SceneError
         The message names the key.
     """
-    segments = _tables(values, "segment", SEGMENT)
-    p = uniform
-    if segments:
-        bounds = segment_bounds(segments)
+    tables, p = _tables(values, "segment", SEGMENT), uniform
+    borders = borders_now = np.array([0.0, 1.0])
+    if tables:
+        bounds = segment_bounds(tables)
         cable = table_at(values, "cable", CABLE)
         others = {name: value for name, value in values.items() if not name.startswith("cable_")}
         cables = []
-        for table in segments:
-            own = of_segment(cable, table)
+        for number in sorted(range(len(tables)), key=lambda number: bounds[number]):
+            own = of_segment(cable, tables[number])
             cables.append(make(others | {variable_name(f"cable.{name}"): value for name, value in own.items()}))
-        p = _joined(uniform, bounds, cables)
-        if p.bare is not None:
-            p = replace(p, bare=_joined(p.bare, bounds, [cable.bare or cable for cable in cables]))
+        borders = np.array([0.0, *sorted(end for _, end in bounds)[:-1], 1.0])
+        lengths = np.diff(borders) * [cable.expansion for cable in cables]
+        borders_now = np.concatenate([[0.0], np.cumsum(lengths)[:-1] / lengths.sum(), [1.0]])
+        p = _joined(uniform, borders_now, cables, float(lengths.sum()))
+        if any(cable.bare is not None for cable in [uniform, *cables]):
+            tensioned = [cable.bare or cable for cable in cables]
+            p = replace(p, bare=_joined(uniform.bare or uniform, borders, tensioned, 1.0))
     if attachments := _attachments(values, uniform):
         bare = None if p.bare is None else replace(p.bare, attachments=attachments)
-        p = replace(p, attachments=attachments, bare=bare)
+        now = tuple(_expanded(attachment, p.expansion, borders, borders_now) for attachment in attachments)
+        p = replace(p, attachments=now, bare=bare)
     return p
+
+
+def _expanded(attachment: Attachment, expansion: float, borders: np.ndarray, borders_now: np.ndarray) -> Attachment:
+    """Return an attachment at the temperature of the scene, which moves the borders between the segments."""
+    if attachment.place_key != "arc_length":
+        return replace(attachment, expansion=expansion)
+    return replace(attachment, place=float(np.interp(attachment.place, borders, borders_now)))
 
 
 def _tables(values: Mapping[str, Any], name: str, keys: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -127,11 +139,10 @@ def _tables(values: Mapping[str, Any], name: str, keys: Mapping[str, Any]) -> li
     return tables
 
 
-def _joined(p: Parameters, bounds: Sequence[tuple[float, float]], cables: Sequence[Parameters]) -> Parameters:
+def _joined(p: Parameters, borders: np.ndarray, cables: Sequence[Parameters], expansion: float) -> Parameters:
     """Return a cable of segments, uniform where neighbours are equal; numbers of the cable are means over its length."""
     segments: list[Segment] = []
-    for (begin, end), cable in sorted(zip(bounds, cables, strict=True), key=lambda pair: pair[0]):
-        begin = segments[-1].end if segments else 0.0
+    for begin, end, cable in zip(borders[:-1].tolist(), borders[1:].tolist(), cables, strict=True):
         segment = Segment(
             begin, end, cable.stiffness, cable.area, cable.mass, cable.weight, cable.diameter,
             cable.drag_coefficient, cable.breaking_strength,
@@ -140,29 +151,32 @@ def _joined(p: Parameters, bounds: Sequence[tuple[float, float]], cables: Sequen
             segments[-1] = replace(segments[-1], end=end)
         else:
             segments.append(segment)
-    segments[-1] = replace(segments[-1], end=1.0)
     share = np.array([segment.end - segment.start for segment in segments])
-    share /= share.sum()
 
     def mean(numbers: Sequence[Any]) -> Any:
+        if any(number is None for number in numbers):
+            return None
         return numbers[0] if len(numbers) == 1 else float(share @ np.array(numbers))
 
-    has_diameter = all(segment.diameter is not None for segment in segments)
-    diameter = mean([segment.diameter for segment in segments]) if has_diameter else None
+    diameter = mean([segment.diameter for segment in segments])
     drag = [segment.drag_coefficient * (segment.diameter or 0.0) for segment in segments]
     strengths = [segment.breaking_strength for segment in segments if segment.breaking_strength is not None]
     compliance = mean([1.0 / segment.stiffness for segment in segments])
-    first = segments[0]
+    first, length = segments[0], p.length_value
+    if p.length_key == "unstretched_length":
+        length = length if p.expansion == expansion else length / p.expansion * expansion
     return replace(
         p,
+        length_value=length,
+        expansion=expansion,
         stiffness=first.stiffness if len(segments) == 1 else 1.0 / compliance,
-        area=None
-        if any(segment.area is None for segment in segments)
-        else mean([segment.area for segment in segments]),
+        area=first.area if len({segment.area for segment in segments}) == 1 else None,
         mass=mean([segment.mass for segment in segments]),
         weight=first.weight if len(segments) == 1 else share @ np.array([segment.weight for segment in segments]),
         diameter=diameter,
-        drag_coefficient=mean(drag) / diameter if len(segments) > 1 and has_diameter else first.drag_coefficient,
+        drag_coefficient=mean(drag) / diameter
+        if len(segments) > 1 and diameter is not None
+        else first.drag_coefficient,
         breaking_strength=min(strengths, default=None),
         segments=tuple(segments) if len(segments) > 1 else (),
     )

@@ -44,7 +44,7 @@ class Segment:
     start: float  #: lower end as a fraction of the unstretched length [1]
     end: float  #: upper end as a fraction of the unstretched length [1]
     stiffness: float  #: axial stiffness K [N]
-    area: float  #: area of the unstrained cross-section [m2]
+    area: float | None  #: area of the unstrained cross-section [m2]; None where it is not given
     mass: float  #: mass per unstretched length, with its ice [kg/m]
     weight: np.ndarray  #: weight per unstretched length, with its ice (dims,) [N/m]
     diameter: float | None  #: with its ice [m]; None without
@@ -77,12 +77,13 @@ class Attachment:
     damper: float  #: force per velocity along `direction` [N s/m]
     spring: float  #: force per displacement from rest along `direction` [N/m]
     direction: np.ndarray | None  #: unit vector (dims,); None without damper and spring
+    expansion: float = 1.0  #: length of the cable over that at which a distance is given
 
     def fraction(self, length: float) -> float:
         """Return the place as a fraction of the unstretched `length` [m], unchecked."""
         if self.place_key == "arc_length":
             return self.place
-        below = self.place / length
+        below = self.place * self.expansion / length
         return below if self.place_key == "distance_from_lower" else 1.0 - below
 
 
@@ -94,7 +95,8 @@ class Parameters:
     arrays (members,) then, vectors (members, dims), parameters of time functions (members, 1).
 
     The numbers of a cable of several segments are means over its unstretched length: its mass and weight are those of the
-    whole cable, its stiffness is that under one tension, its breaking strength is the least.
+    whole cable, its stiffness is that under one tension.  Its breaking strength is the least, and it has an area where all are
+    equal.
     """
 
     stiffness: Any  #: axial stiffness K [N]

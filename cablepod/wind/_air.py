@@ -163,6 +163,11 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     return CableAir(velocity, sigma, rate, drag_of(p, float(p.wind["air_density"])), at_start, interval)
 
 
+def density_of(p: InWind) -> float:
+    """Return the density of the air [kg/m3]; that of a field without a table [wind] is usual."""
+    return 1.25 if p.wind is None else float(p.wind["air_density"])
+
+
 def drag_of(p: Parameters, air_density: float) -> float:
     """Return half the density of the air times drag coefficient and diameter [kg/m2]."""
     return 0.5 * air_density * float(p.drag_coefficient) * float(p.diameter)
@@ -287,8 +292,7 @@ def _of_field(p: Parameters, end_time: float, given: xr.Dataset, key: str = "win
         rate = min(1.0 / float(np.diff(time).min()), MAX_RESAMPLING * rate)  # resampled at its shortest interval
         samples = np.arange(math.ceil(time[-1] * rate) + 1) / rate
         velocity = _interpolated(samples, time, velocity)
-    density = 1.25 if p.wind is None else float(p.wind["air_density"])
-    return CableAir(velocity, sigma, rate, drag_of(p, density), mean, 1.0 / rate)
+    return CableAir(velocity, sigma, rate, drag_of(p, density_of(p)), mean, 1.0 / rate)
 
 
 def _of_record(p: Parameters, end_time: float) -> CableAir:

@@ -22,6 +22,7 @@ from cablepod.wind._air import (
     MAX_DIFFERENCE,
     MAX_RESAMPLING,
     _interpolated,
+    density_of,
     drag_of,
     has_record,
     instants_until,
@@ -180,10 +181,9 @@ def _of_field(content: _Content) -> MastAir:
     """Return the air of a given field."""
     p, (rate, velocity, mean) = content.p, content.field
     position = mast_points(p)[0]
-    density = 1.25 if p.wind is None else float(p.wind["air_density"])
     profile = mean_velocity(p, position) if p.wind is not None else None
     has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9))
-    return MastAir(position, velocity, rate, mean, mean, density, has_profile)
+    return MastAir(position, velocity, rate, mean, mean, density_of(p), has_profile)
 
 
 def _of_record(p: MastParameters, end_time: float) -> MastAir:

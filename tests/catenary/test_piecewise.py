@@ -13,7 +13,7 @@ from references import hanging_mass_mpmath as reference
 from scipy.integrate import solve_ivp
 
 import cablepod as cp
-from cablepod.catenary._piecewise import solve_pieces
+from cablepod.catenary._piecewise_solve import solve_pieces
 from cablepod.catenary._statics import piecewise_statics, solve_statics
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Segment
@@ -247,3 +247,44 @@ def test_members_have_their_own_places() -> None:
         }
         alone = cp.catenary.rest(scene(tables, top_tension=15000.0))
         np.testing.assert_array_equal(rest.position[k], alone.position)
+
+
+def test_sag_is_that_of_the_rest_and_gives_the_length() -> None:
+    tables = HUNG["parts and mass"]
+    rest = cp.catenary.rest(scene(tables, sag=0.8), points=4001)
+    x, y = rest.position.values.T
+    # points of 15 mm near the largest distance, of a curvature of 1e-2 or less
+    assert (RISE / SPAN * x - y).max() == pytest.approx(0.8, abs=1e-5)
+    p = parameters(scene({}, unstretched_length=61.3))
+    part = Segment(0.0, 0.3, p.stiffness, p.area, p.mass, p.weight, None, 1.2, None)
+    cut = replace(p, segments=(part, replace(part, start=0.3, end=1.0)))
+    for sag in (0.01, 0.5, 20.0):
+        np.testing.assert_allclose(solve_statics(cut, "sag", sag), solve_statics(p, "sag", sag), rtol=RTOL)
+    with pytest.raises(cp.SceneError, match=r"^cable\.sag: given 0\.5; allowed: a tension or a length"):
+        cp.make_scene(
+            {
+                "gravity": 0.0,
+                "cable": {**CABLE, "sag": 0.5},
+                "ends": {"lower": [0.0, 0.0], "upper": [SPAN, RISE]},
+                "attachment": [{"arc_length": 0.5, "mass": MASS}],
+            }
+        )
+
+
+def test_each_segment_expands_by_its_own_coefficient() -> None:
+    """Lengths, mass and stiffness of the parts; a mass keeps its place on the parts."""
+    warm = {"to": 0.25, "thermal_expansion": 2e-5, "density": 9000.0}
+    tables = {"segment": [warm, {}], "attachment": [{"arc_length": 0.25, "mass": MASS}], "temperature": 60.0}
+    p = parameters(scene(tables, unstretched_length=61.3, thermal_expansion=1.2e-5))
+    lengths = 61.3 * np.array([0.25 * (1.0 + 40.0 * 2e-5), 0.75 * (1.0 + 40.0 * 1.2e-5)])
+    assert p.length_value == pytest.approx(lengths.sum(), rel=1e-15)
+    shares = np.array([part.end - part.start for part in p.segments])
+    np.testing.assert_allclose(shares, lengths / lengths.sum(), rtol=1e-14)
+    masses = shares * lengths.sum() * [part.mass for part in p.segments]
+    np.testing.assert_allclose(masses, 61.3 * 1.25e-4 * np.array([0.25 * 9000.0, 0.75 * 8000.0]), rtol=1e-14)
+    assert p.attachments[0].fraction(lengths.sum()) == pytest.approx(p.segments[0].end, rel=1e-15)
+    cold = cp.catenary.rest(scene({**tables, "temperature": 20.0}, top_tension=15000.0, thermal_expansion=1.2e-5))
+    assert float(cold.tension_upper) == pytest.approx(15000.0, rel=1e-12)
+    hot = cp.catenary.rest(scene(tables, top_tension=15000.0, thermal_expansion=1.2e-5))
+    expansion = lengths.sum() / 61.3
+    assert float(hot.unstretched_length) == pytest.approx(expansion * float(cold.unstretched_length), rel=1e-14)

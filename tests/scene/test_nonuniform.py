@@ -33,6 +33,8 @@ SEGMENTS_REFUSED = [
     ([{"to": 1, "top_tension": 1e4}], "segment.1.top_tension: given"),
     ([{"to": 1, "aera": 1e-4}], "segment.1.aera: unknown key"),
     ([{"to": 1, "density": 8e3, "specific_weight": 8e4}], "segment.1: given"),
+    ([{"to": 1, "axial_stiffness": 2e7, "youngs_modulus": 1e11}], "segment.1: given"),
+    ([{"to": 1, "sag": 0.3}], "segment.1.sag: given"),
     ([{"to": 1, "area": 1e20}], "segment.1.youngs_modulus: given"),
     ([{"to": 1, "strand": "EHS"}], "segment.1.strand: given 'EHS'"),
     ({"to": 1}, "segment: given"),
@@ -85,7 +87,16 @@ def test_segment_has_the_keys_of_the_cable_that_it_leaves_out() -> None:
     assert lower.breaking_strength is None
     assert p.mass == pytest.approx(0.4 * 1.0 + 0.6 * 4.0, rel=1e-15)
     assert p.weight[1] == pytest.approx(-9.81 * p.mass, rel=1e-15)
+    assert p.area is None  # tension over area is no stress of the whole
+    assert p.breaking_strength == upper.breaking_strength
     assert 1.0 / p.stiffness == pytest.approx(0.4 / lower.stiffness + 0.6 / upper.stiffness, rel=1e-15)
+
+
+def test_segment_by_stiffness_and_mass_per_length() -> None:
+    segments = [{"to": 0.4, "axial_stiffness": 3e7}, {"mass_per_length": 2.5}]
+    p = parameters(cp.make_scene({**BASE, "segment": segments}))
+    assert [segment.stiffness for segment in p.segments] == [3e7, 2e7]
+    assert [segment.mass for segment in p.segments] == [1.0, 2.5]
 
 
 def test_segments_stand_in_any_order_and_equal_ones_are_none() -> None:

@@ -20,6 +20,9 @@ def increments(links: int, dims: int, free: str, evaluations: int) -> tuple[np.n
     state = new_states(1, links)[0]
     particles, first, last = slice(links + 1), 0 if free == "lower" else 1, links + 1 if free == "upper" else links
     state[layout.PER_MASS, first:last] = generator.uniform(1e-3, 2e-3, last - first)
+    ratio, bodies = generator.uniform(0.5, 2.0, links + 1), np.zeros(links + 1)  # parts of the cable, attachments
+    state[layout.DRAG_PER_MASS, particles] = ratio * state[layout.PER_MASS, particles]
+    bodies[[links // 3, links // 2]] = 0.2
     for c in range(dims):
         state[layout.BASE_X + c, first:last] = generator.normal(size=last - first)
     plain = []
@@ -28,9 +31,11 @@ def increments(links: int, dims: int, free: str, evaluations: int) -> tuple[np.n
         v = generator.normal(size=(dims, links + 1))
         wind = 20.0 + generator.normal(size=(2, dims, links + 1))
         state[layout.X : layout.X + dims, particles], state[layout.VX : layout.VX + dims, particles] = x, v
-        apply_drag(state, links, wind, 0.3, DRAG, STEP, layout.LOAD_X, evaluation, True if dims == 3 else None)
+        apply_drag(state, links, wind, 0.3, DRAG, bodies, STEP, layout.LOAD_X, evaluation, True if dims == 3 else None)
         force, damping = np.empty((dims, links + 1)), np.empty(links + 1)
-        drag_forces(x - 0.5 * STEP * v, v, wind, 0.3, DRAG, first, last, force, damping)
+        drag_forces(x - 0.5 * STEP * v, v, wind, 0.3, DRAG * ratio, first, last, force, damping)
+        air = wind[0] + 0.3 * (wind[1] - wind[0]) - v  # a body has drag in every direction
+        force += bodies * np.sqrt((air * air).sum(axis=0)) * air
         # a free end has half of the distance of its neighbours, which is the link, as every particle
         plain.append(state[layout.PER_MASS, particles] * force)
     base = state[layout.BASE_X : layout.BASE_X + dims, particles]

@@ -1,0 +1,133 @@
+"""Compiled forces of dampers, springs and drag at attachments of a chain.
+
+A damper acts at the middle of two half steps of the explicit scheme and is solved for at its particle, so that it has no limit of
+the step.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cablepod._jit import compiled
+from cablepod.chain._kernels_layout import PER_MASS, VX, X
+
+#: Columns of the numbers of an attachment: unit vector, place without force, damper [N s/m], spring [N/m], two for a step.
+DIRECTION, REST, DAMPER, SPRING, BEFORE, STRETCH = 0, 3, 6, 7, 8, 9
+COLUMNS = 10
+
+
+@compiled(inline="always")
+def note_attached(s, particles, numbers):
+    """Keep velocity half a step before and displacement along each direction, before a step."""
+    for m in range(particles.size):
+        j, before, stretch = particles[m], 0.0, 0.0
+        for c in range(3):
+            before += numbers[m, DIRECTION + c] * s[VX + c, j]
+            stretch += numbers[m, DIRECTION + c] * (s[X + c, j] - numbers[m, REST + c])
+        numbers[m, BEFORE], numbers[m, STRETCH] = before, stretch
+
+
+@compiled(inline="always")
+def apply_attached(s, particles, numbers, step):
+    """Add dampers and springs to the velocities half a step after, and to the positions of the next step.
+
+    Along its direction, a damper c on a mass m changes the velocity by a = c step / 2 m times minus the sum of the velocities
+    before and after.
+    """
+    for m in range(particles.size):
+        j, after = particles[m], 0.0
+        for c in range(3):
+            after += numbers[m, DIRECTION + c] * s[VX + c, j]
+        free = after - numbers[m, SPRING] * s[PER_MASS, j] * numbers[m, STRETCH]
+        a = 0.5 * numbers[m, DAMPER] * s[PER_MASS, j]
+        change = (free - a * numbers[m, BEFORE]) / (1.0 + a) - after
+        for c in range(3):
+            s[VX + c, j] += numbers[m, DIRECTION + c] * change
+            s[X + c, j] += step * (numbers[m, DIRECTION + c] * change)
+
+
+@compiled
+def attached_forces(x, v, particles, numbers, force):
+    """Add the forces of dampers and springs [N] at positions and velocities (dims, n + 1) to `force` (dims, n + 1)."""
+    for m in range(particles.size):
+        j, along = particles[m], 0.0
+        for c in range(x.shape[0]):
+            direction = numbers[m, DIRECTION + c]
+            along -= direction * numbers[m, DAMPER] * v[c, j]
+            along -= direction * numbers[m, SPRING] * (x[c, j] - numbers[m, REST + c])
+        for c in range(x.shape[0]):
+            force[c, j] += along * numbers[m, DIRECTION + c]
+
+
+@compiled
+def attached_tangent(particles, numbers, part, rate, own):
+    """Add the negative derivative of these forces by the unknowns of a step to the symmetric blocks `own` (3 or 6, n + 1) [N/m].
+
+    `part` is the derivative of the position, `rate` that of the velocity by the unknowns [1, 1/s].
+    """
+    dims = 2 if own.shape[0] == 3 else 3
+    for m in range(particles.size):
+        stiffness, row = numbers[m, SPRING] * part + numbers[m, DAMPER] * rate, 0
+        for c in range(dims):
+            for e in range(c, dims):
+                own[row, particles[m]] += stiffness * numbers[m, DIRECTION + c] * numbers[m, DIRECTION + e]
+                row += 1
+
+
+@compiled
+def body_drag(v, wind, place, bodies, force, scale, own):
+    """Add the drag of bodies, b |u| u with the relative velocity u of the air, to `force` (dims, n + 1) [N].
+
+    Parameters
+    ----------
+    v : float array (dims, n + 1)
+        Velocities [m/s].
+    wind, place : float array (samples, dims, n + 1), float
+        Velocity of the air at the particles [m/s]; place between the samples.
+    bodies : float array (n + 1,)
+        Half the density of the air times drag area b [kg/m]; 0 at held particles.
+    force : float array (dims, n + 1)
+        Added to.
+    scale : float
+        Derivative of the velocities by the unknowns of a step [1/s].
+    own : float array (3 or 6, n + 1) or None
+        Added to: `scale` times the negative derivative of the force by the velocities, b (|u| + u u / |u|), in symmetric blocks.
+    """
+    dims = v.shape[0]
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    share = place - sample
+    for j in range(bodies.size):
+        if bodies[j] == 0.0:
+            continue
+        square = 0.0
+        for c in range(dims):
+            u = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - v[c, j]
+            square += u * u
+        speed = math.sqrt(square)
+        if speed == 0.0:
+            continue
+        row = 0
+        for c in range(dims):
+            u = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - v[c, j]
+            force[c, j] += bodies[j] * speed * u
+            if own is not None:
+                for e in range(c, dims):
+                    w = wind[sample, e, j] + share * (wind[sample + 1, e, j] - wind[sample, e, j]) - v[e, j]
+                    own[row, j] += scale * bodies[j] * (u * w / speed + (speed if e == c else 0.0))
+                    row += 1
+
+
+@compiled
+def add_body_drag(s, links, before, after, share, bodies, row, dims):
+    """Add the velocity increments in a step by the drag of bodies to the rows from `row` on, see :func:`body_drag`."""
+    for j in range(links + 1):
+        if bodies[j] == 0.0:
+            continue
+        square = 0.0
+        for c in range(dims):
+            u = before[c, j] + share * (after[c, j] - before[c, j]) - s[VX + c, j]
+            square += u * u
+        factor = bodies[j] * s[PER_MASS, j] * math.sqrt(square)
+        for c in range(dims):
+            s[row + c, j] += factor * (before[c, j] + share * (after[c, j] - before[c, j]) - s[VX + c, j])
