@@ -125,6 +125,21 @@ def test_a_sag_that_no_length_gives_is_refused(a, q, sag, message):
         cp.make_scene({"gravity": q / 0.981, "cable": cable, "ends": ends})
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"segment": [{"from": 0.0, "to": 0.5}, {"from": 0.5, "mass_per_length": 2.0}]},
+        {"attachment": [{"arc_length": 0.3, "mass": 5.0}]},
+    ],
+)
+def test_a_sag_of_a_cable_that_is_not_uniform_is_refused(parts):
+    """It would be taken as a force."""
+    with pytest.raises(
+        cp.SceneError, match=r"^cable\.sag: given 500\.0; allowed: a tension or a length, for a cable of segm"
+    ):
+        scene_of(30.0, 40.0, 9.81, 2e7, 500.0, **parts)
+
+
 def test_the_least_sag_is_that_of_the_tightest_cable():
     cable = {"axial_stiffness": 2e5, "mass_per_length": 0.981, "sag": 1e-9}
     ends = {"lower": [0.0, 0.0], "upper": [30.0, 40.0]}
