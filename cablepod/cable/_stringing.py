@@ -77,8 +77,8 @@ def stringing(
     Raises
     ------
     SceneError
-        For a scene without thermal expansion, with members, a free end or point loads, temperatures that are no different
-        numbers, cases that are no such tables, and a cable without rest.
+        For a scene without thermal expansion, with members, segments, attachments, a free end or point loads; temperatures that
+        are no different numbers, cases that are no such tables, and a cable without rest.
 
     Notes
     -----
@@ -100,6 +100,7 @@ def stringing(
     p = parameters(scene)
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "ends that are held, between which the cable is at rest")
+    refuse_nonuniform(p, "catenary.rest of a scene with a temperature")
     if p.point_loads:
         raise scene_error(
             p.point_loads[0].key, "a point load", "none; chain.rest has them, at the temperature of a scene"

@@ -124,9 +124,7 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
 
     if is_piecewise(p):
         return piecewise_statics(p, key, value, prefix=prefix).columns
-    if p.bare is not None and prefix == "cable" and key != "unstretched_length":
-        # tensioned without ice, at the reference temperature
-        key, value = "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
+    key, value = _as_tensioned(p, key, value, prefix)
     plane = load_planes(p)
     if key == "sag":
         from cablepod.catenary._sag import force_of_sag  # imports this file
@@ -153,12 +151,17 @@ def piecewise_statics(p: Parameters, key: str, value: float, *, prefix: str = "c
     SceneError
         As :func:`solve_statics`.
     """
-    if p.bare is not None and prefix == "cable" and key != "unstretched_length":
-        # tensioned without ice, at the reference temperature
-        key, value = "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
+    key, value = _as_tensioned(p, key, value, prefix)
     if key == "unstretched_length" and "points" in p.initial and prefix == "cable" and is_slack_weightless(p, value):
         return PiecewiseCatenary(pieces_of(p, value), np.full(p.dims, np.nan))
     return solve_pieces(p, key, float(value), f"{prefix}.{key}")
+
+
+def _as_tensioned(p: Parameters, key: str, value: float, prefix: str) -> tuple[str, float]:
+    """Return the length of a cable that was tensioned without ice, at the reference temperature; others as they are given."""
+    if p.bare is None or prefix != "cable" or key == "unstretched_length":
+        return key, value
+    return "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
 
 
 def length_and_strain(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> tuple[float, float]:

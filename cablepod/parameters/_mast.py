@@ -159,7 +159,7 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         damping_ratio=float(table["damping_ratio"]),
         elements=int(table["elements"]),
         modes=int(table["modes"]),
-        sections=_sections(values, table) * [expansion, expansion, 1.0, 1.0 / expansion, 1.0],
+        sections=_sections(values, table, expansion) * [expansion, expansion, 1.0, 1.0, 1.0],
         guys=tuple(_guys(values, expansion)),
         loads=tuple(loads),
         duration=float(time["duration"]) if "duration" in time else None,
@@ -172,28 +172,30 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
     )
 
 
-def _sections(values: Mapping[str, Any], table: Mapping[str, Any]) -> np.ndarray:
-    """Return the sections of the mast from below, see :class:`MastParameters`."""
+def _sections(values: Mapping[str, Any], table: Mapping[str, Any], expansion: float) -> np.ndarray:
+    """Return the sections of the mast from below, see :class:`MastParameters`; heights as the scene gives them."""
     height, given, number = float(table["height"]), [], 1
     ice = whole_table_at(values, "ice", ICE)
     while "to" in (section := table_at(values, f"mast.section.{number}", MAST_SECTION)):
-        given.append([float(section["from"]), float(section["to"]), *_section({**table, **section}, ice)])
+        given.append([float(section["from"]), float(section["to"]), *_section({**table, **section}, ice, expansion)])
         number += 1
     if section:
         _check_present(f"mast.section.{number}", section, ("to",))
     rows, bottom = [], 0.0
     for row in sorted(given):
         if row[0] > bottom:
-            rows.append([bottom, row[0], *_section(table, ice)])
+            rows.append([bottom, row[0], *_section(table, ice, expansion)])
         rows.append(row)
         bottom = row[1]
     if bottom < height:
-        rows.append([bottom, height, *_section(table, ice)])
+        rows.append([bottom, height, *_section(table, ice, expansion)])
     return np.array(rows)
 
 
-def _section(table: Mapping[str, Any], ice: Mapping[str, Any]) -> list[float]:
+def _section(table: Mapping[str, Any], ice: Mapping[str, Any], expansion: float) -> list[float]:
     """Return bending stiffness, mass and drag area of a cross-section with its ice, which widens all members alike.
+
+    The mast keeps its mass as it expands; the ice grows on it at its temperature.
 
     Raises
     ------
@@ -201,7 +203,7 @@ def _section(table: Mapping[str, Any], ice: Mapping[str, Any]) -> list[float]:
         For ice on a mast without a diameter.
     """
     stiffness, mass, drag_area = (float(table[name]) for name in SECTION_KEYS)
-    thickness = float(ice.get("thickness", 0.0))
+    mass, thickness = mass / expansion, float(ice.get("thickness", 0.0))
     if not thickness:
         return [stiffness, mass, drag_area]
     if "diameter" not in table:

@@ -101,4 +101,9 @@ def test_ice_and_temperature_together():
     mapping["mast"]["diameter"] = 0.2
     iced, bare = cp.mast.rest(cp.make_scene(mapping)), cp.mast.rest(cp.make_scene(COLD))
     np.testing.assert_allclose(iced["guy_length"], bare["guy_length"], rtol=1e-15)
+    # the mast keeps its mass, the ice grows on it at its temperature
+    foot, top = float(iced["axial_force"][0] - bare["axial_force"][0]), 30.0 * (1.0 + STEEL * WARMTH)
+    pull = float((bare["guy_force"] - iced["guy_force"]).sel(coordinate="y").sum())
+    weight = 9.81 * 700.0 * np.pi * 0.01 * 0.21 * top
+    assert foot - pull == pytest.approx(weight, rel=1e-8)  # the axial force is told 1e-9 of the height above the foot
     assert (iced["guy_tension"] > bare["guy_tension"]).all()

@@ -127,6 +127,29 @@ def test_rigid_links_expand():
         np.testing.assert_allclose(call(warm)["position"], call(same)["position"], rtol=0, atol=1e-9)
 
 
+def test_segments_and_attached_masses_are_at_the_temperature():
+    factor = 1.0 - 40.0 * ALPHA
+    parts = {
+        "segment": [{"from": 0.0, "to": 0.5}, {"from": 0.5, "mass_per_length": 2.0}],
+        "attachment": [{"arc_length": 0.3, "mass": 5.0}],
+    }
+    for chosen in (["segment"], ["attachment"], ["segment", "attachment"]):
+        own = {name: copy.deepcopy(parts[name]) for name in chosen}
+        given = cp.make_scene({**GUY, **own})
+        cold = cp.catenary.rest(cp.make_scene({**GUY, **own, "temperature": -20.0}))
+        cable = {
+            "axial_stiffness": 2e7,
+            "mass_per_length": 1.0 / factor,
+            "unstretched_length": factor * float(cp.catenary.rest(given)["unstretched_length"]),
+        }
+        if "segment" in own:
+            own["segment"][1]["mass_per_length"] = 2.0 / factor
+        same = cp.catenary.rest(cp.make_scene({**GUY, **own, "cable": cable}))
+        assert float(cold["tension_upper"]) > 20000.0
+        for name in ("unstretched_length", "tension_lower", "tension_upper"):
+            assert float(cold[name]) == pytest.approx(float(same[name]), rel=1e-9), (chosen, name)
+
+
 def test_ice_grows_on_the_cable_at_its_temperature():
     mapping = {**copy.deepcopy(GUY), "temperature": -20.0, "ice": {"thickness": 0.01}}
     mapping["cable"]["diameter"] = 0.016
