@@ -78,7 +78,12 @@ class ChainAir:
 
     def rate(self, end_time: float) -> float:
         """Return a bound of the rate at which drag takes away a motion along the wind in a run until an instant [s] [1/s]."""
-        return drag_rate(self.chain.p, self.air, end_time)
+        chain, free = self.chain, self.chain.free_particles
+        rate = drag_rate(chain.p, self.air, end_time)
+        if chain.p.masses is None:
+            return rate
+        lightest = float((chain.mass[free] / chain.tributary_length[free]).min())  # per length, of what it carries
+        return rate * chain.p.mass / lightest
 
     def step_limit(self, end_time: float) -> float:
         """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
@@ -95,7 +100,7 @@ class ChainAir:
             Step and end of the run [s].
         """
         chain, p = self.chain, self.chain.p
-        mass = p.mass * chain.tributary_length[1:-1].min()
+        mass = chain.mass[1:-1].min()
         tension = max(tension, TENSION_MARGIN * tension_by_drag(p, self.air, tension, chain.total_length))
         omega = 2.0 * math.sqrt(max(tension, 1e-300) / (chain.length.min() * mass))
         times = HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate(end_time))

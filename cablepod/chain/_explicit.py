@@ -96,7 +96,7 @@ class ExplicitChainRun(ChainRun):
             slice(chain.links),
             slice(chain.links + 1),
         )
-        mass = p.mass * chain.tributary_length[free]
+        mass = chain.mass[free]
         damping_factor, half = None, 0.5 * step
         state[layout.PER_MASS, free] = step / mass
         if p.mass_damping is not None:

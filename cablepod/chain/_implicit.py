@@ -74,7 +74,7 @@ class ImplicitChainRun(NewtonRun):
         if p.damping_ratios is None:
             return NodalDamping.none()
         links = link_stiffness(chain, rest_shape(chain)[0])
-        mass = np.repeat(p.mass * chain.tributary_length[chain.free_particles], p.dims)
+        mass = np.repeat(chain.mass[chain.free_particles], p.dims)
         return NodalDamping.of(p, assembled(links, p.dims), mass, chain.arc_length / chain.total_length, links)
 
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
@@ -201,7 +201,7 @@ class ImplicitStepper:
         self.run, self.instants = run, instants
         # the kernels loop over all particles: mass, loads, velocity and acceleration are 0 at the held ones
         self.mass = np.zeros(chain.links + 1)
-        self.mass[free] = p.mass * chain.tributary_length[free]
+        self.mass[free] = chain.mass[free]
         self.x = np.ascontiguousarray(run.initial.T)
         self.v = np.zeros_like(self.x)
         self.modal, first_force = run.modal_damping, run.first_force()
@@ -217,8 +217,8 @@ class ImplicitStepper:
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
         tension = float(np.abs(chain.tensions_and_forces(run.initial)[0]).mean())
-        rotation = min(max(math.sqrt(2.0 * TENSION_RTOL * tension / p.stiffness), MIN_ROTATION), MAX_ROTATION)
-        self.rotation_tolerance = run.newton_factor * rotation
+        rotation = math.sqrt(2.0 * TENSION_RTOL * tension / chain.largest_axial_stiffness)
+        self.rotation_tolerance = run.newton_factor * min(max(rotation, MIN_ROTATION), MAX_ROTATION)
         self.iterations, self.substepped = 0, 0
 
     def _of_free(self, values: np.ndarray) -> np.ndarray:

@@ -392,6 +392,6 @@ def secant_modulus(tension, stiffness, green):
 
 @compiled
 def secant_moduli(tensions, stiffness, green, out):
-    """Fill `out` (links,) with the :func:`secant_modulus` of each link."""
+    """Fill `out` (links,) with the :func:`secant_modulus` of each link, of an axial stiffness (links,) [N]."""
     for j in range(tensions.size):
-        out[j] = secant_modulus(tensions[j], stiffness, green)
+        out[j] = secant_modulus(tensions[j], stiffness[j], green)

@@ -30,14 +30,14 @@ def end_gap(force, loads, length, stiffness, green, gap, hessian):
             square += f[c] * f[c]
         norm = math.sqrt(square)
         if green:
-            e = green_strain(norm / stiffness)
+            e = green_strain(norm / stiffness[j])
             strain = e * (1.0 + 0.5 * e)
-            energy += length[j] * (norm * (1.0 + e) - 0.5 * stiffness * strain * strain)
+            energy += length[j] * (norm * (1.0 + e) - 0.5 * stiffness[j] * strain * strain)
         else:
-            energy += length[j] * norm * (1.0 + 0.5 * norm / stiffness)
+            energy += length[j] * norm * (1.0 + 0.5 * norm / stiffness[j])
         if norm == 0.0:
             continue
-        secant = secant_modulus(norm, stiffness, green)
+        secant = secant_modulus(norm, stiffness[j], green)
         for c in range(dims):
             gap[c] += length[j] * (f[c] / norm + f[c] / secant)
             for d in range(dims):
@@ -45,7 +45,7 @@ def end_gap(force, loads, length, stiffness, green, gap, hessian):
             hessian[c, c] += length[j] * (1.0 / norm + 1.0 / secant)
         if green:
             # along the link the tangent modulus enters: d xi / dT = 1 / (K (3 xi^2 - 1) / 2)
-            compliance = 1.0 / (stiffness * (1.0 + 3.0 * e + 1.5 * e * e)) - 1.0 / secant
+            compliance = 1.0 / (stiffness[j] * (1.0 + 3.0 * e + 1.5 * e * e)) - 1.0 / secant
             for c in range(dims):
                 for d in range(dims):
                     hessian[c, d] += length[j] * (f[c] / norm) * (f[d] / norm) * compliance
@@ -83,8 +83,8 @@ def equilibrium(chord, loads, length, stiffness, green, force):
         Forces on the inner particles [N].
     length : float array (n,)
         Unstretched lengths of the links [m].
-    stiffness : float
-        Axial stiffness [N].
+    stiffness : float array (n,)
+        Axial stiffness of the links [N]; infinite for rigid ones.
     green : bool
         Whether law (21) holds instead of the linear one.
     force : float array (dims,)

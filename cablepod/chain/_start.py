@@ -46,7 +46,8 @@ def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray
 
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
-    forces, tension, gap = link_forces(chain, chain.statics, p.stiffness, 1e-6 * p.stiffness, drag)
+    stiffness = np.broadcast_to(chain.axial_stiffness, chain.links).copy()
+    forces, tension, gap = link_forces(chain, chain.statics, stiffness, 1e-6 * p.stiffness, drag)
     scale = max(float(np.linalg.norm(ends[1] - ends[0])), chain.total_length)
     if not gap <= 1e-11 * scale or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
@@ -55,7 +56,7 @@ def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray
             f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
         )
     secant = np.empty(tension.size)
-    kernel_explicit.secant_moduli(tension, p.stiffness, chain.green, secant)
+    kernel_explicit.secant_moduli(tension, stiffness, chain.green, secant)
     reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]
@@ -63,7 +64,7 @@ def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray
 
 
 def link_forces(
-    chain: LumpedChain, statics: np.ndarray, stiffness: float, least: float, drag: np.ndarray | None = None
+    chain: LumpedChain, statics: np.ndarray, stiffness: np.ndarray, least: float, drag: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Solve for the force in the first link at rest, which determines all others.
 
@@ -74,7 +75,7 @@ def link_forces(
     statics
         Of a catenary near the chain, whose force is the first guess.
     stiffness
-        Axial stiffness [N]; infinite for rigid links.
+        Axial stiffness of the links (n,) [N]; infinite for rigid ones.
     least
         Least force of a guess along the chord [N], for a catenary without tension, as without weight.
     drag

@@ -18,6 +18,7 @@ LINES = (
     ("inclination of the chord", "inclination"),
     ("weight", "weight_per_length"),
     ("mass", "mass_per_length"),
+    ("mass of the particles", "mass"),
     ("density", "density"),
     ("axial stiffness EA", "axial_stiffness"),
     ("unstretched length", "unstretched_length"),

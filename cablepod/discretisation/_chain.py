@@ -15,6 +15,7 @@ from cablepod.discretisation._step_limit import highest_axial_frequency, verlet_
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters, PointLoad
+from cablepod.parameters._particles import lengths_of_links, tributary_lengths
 from cablepod.parameters._time_functions import TimeFunction
 
 
@@ -22,8 +23,8 @@ from cablepod.parameters._time_functions import TimeFunction
 class LumpedChain:
     """Links and masses of the chain of a scene.
 
-    A particle carries half the mass and load of the links beside it.  A point load acts on the two particles of its link by the
-    lever rule.
+    A particle carries half the mass and load of the links beside it, unless the scene gives the mass of each particle and the
+    stiffness of each link.  A point load acts on the two particles of its link by the lever rule.
     """
 
     p: Parameters
@@ -49,7 +50,27 @@ class LumpedChain:
     @cached_property
     def k(self) -> np.ndarray:
         """Stiffness of the links (n,) [N/m]."""
-        return self.p.stiffness / self.length
+        own = self.p.link_stiffness
+        return np.asarray(self.p.stiffness / self.length if own is None else own / self.p.expansion)
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Masses of the particles (n + 1,) [kg]."""
+        p = self.p
+        if p.masses is None:
+            return np.asarray(p.mass * self.tributary_length)
+        ice = 0.0 if p.bare is None else p.mass - p.bare.mass / p.expansion  # per unstretched length
+        return p.masses + ice * self.tributary_length
+
+    @cached_property
+    def axial_stiffness(self) -> float | np.ndarray:
+        """Axial stiffness K of the links [N]: one number, or (n,) where each has a stiffness of its own."""
+        return self.p.stiffness if self.p.link_stiffness is None else self.k * self.length
+
+    @cached_property
+    def largest_axial_stiffness(self) -> float:
+        """Largest axial stiffness K of a link [N]."""
+        return float(np.max(self.axial_stiffness))
 
     @cached_property
     def inverse_squares(self) -> np.ndarray | None:
@@ -59,8 +80,7 @@ class LumpedChain:
     @cached_property
     def tributary_length(self) -> np.ndarray:
         """Unstretched length that each particle carries (n + 1,) [m]."""
-        half = 0.5 * self.length
-        return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
+        return tributary_lengths(self.length)
 
     @property
     def particles(self) -> np.ndarray:
@@ -80,13 +100,20 @@ class LumpedChain:
 
     def loads(self, time: float | None = None) -> np.ndarray:
         """Return the loads on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
-        total = self.tributary_length[:, None] * self.p.weight
+        total = self._weights
         for pattern, factor in self._patterns:
             if factor is None:
                 total = total + pattern
             elif time is not None:
                 total = total + float(factor(time)) * pattern
         return total
+
+    @property
+    def _weights(self) -> np.ndarray:
+        """Weights of the particles (n + 1, dims) [N]."""
+        if self.p.masses is None:
+            return np.asarray(self.tributary_length[:, None] * self.p.weight)
+        return self.mass[:, None] * (self.p.weight / self.p.mass)
 
     def time_dependent_loads(self) -> list[tuple[np.ndarray, TimeFunction]]:
         """Return the time-dependent loads: patterns (n + 1, dims) [N] and their factors."""
@@ -157,7 +184,9 @@ class LumpedChain:
     def strain_energy(self, position: np.ndarray) -> np.ndarray:
         """Return the strain energy of all links (...) [J] at positions (..., n + 1, dims) [m]."""
         per_length = strain_energy_density(self.stretch(position), green=self.green)
-        return self.p.stiffness * (per_length * self.length).sum(axis=-1)
+        if self.p.link_stiffness is None:
+            return self.p.stiffness * (per_length * self.length).sum(axis=-1)
+        return (per_length * self.axial_stiffness * self.length).sum(axis=-1)
 
     def tangent_stiffness_ratio(self, position: np.ndarray) -> np.ndarray:
         """Return the tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m].
@@ -191,8 +220,7 @@ class LumpedChain:
         return self._axial_frequency(1.0)
 
     def _axial_frequency(self, stiffness_ratio: np.ndarray | float) -> float:
-        mass = self.p.mass * self.tributary_length
-        return highest_axial_frequency(mass, stiffness_ratio * self.k, self.free_particles)
+        return highest_axial_frequency(self.mass, stiffness_ratio * self.k, self.free_particles)
 
     def step_limit(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
         """Return the stability limit of velocity Verlet [s], see :mod:`cablepod.discretisation._step_limit`."""
@@ -200,10 +228,13 @@ class LumpedChain:
 
     @property
     def _axial_viscosity(self) -> float | None:
-        """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that."""
+        """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that.
+
+        T is that of the cable of the mean mass and stiffness, K that of the softest link.
+        """
         if self.p.tension_damping is None:
             return self.p.link_viscosity
-        strain = float(self.statics[4:].max()) / self.p.stiffness
+        strain = float(self.statics[4:].max()) / float(np.min(self.axial_stiffness))
         return (self.p.link_viscosity or 0.0) + self.p.tension_damping * strain
 
 
@@ -223,13 +254,16 @@ def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, lea
             "chain.links: missing; allowed: a whole number of at least 2 in the scene, or the argument links"
         )
     check_memory(1, count, p.dims, key="links" if links is not None else "chain.links")
-    relative = np.ones(count) if p.link_lengths is None else p.link_lengths
-    if relative.size != count:
-        raise scene_error(
-            "links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those"
-        )
+    for key, values, more in (
+        ("link_lengths", p.link_lengths, 0),
+        ("masses", p.masses, 1),
+        ("stiffness", p.link_stiffness, 0),
+    ):
+        if values is not None and values.size != count + more:
+            allowed = f"{values.size - more}, as many as chain.{key} has, or a scene without those"
+            raise scene_error("links", links, allowed)
     total = unstretched_length(p)
-    length = total * (relative / relative.sum())
+    length = lengths_of_links(total, count, p.link_lengths)
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
     arc_length[-1] = total
     return LumpedChain(p, length, arc_length, law)

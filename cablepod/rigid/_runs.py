@@ -156,7 +156,7 @@ class RigidStepper:
         self.substepped, self.status = 0, layout.DONE
         self.moving = bool(run.moving)
         s, particles, free = self.s, slice(self.links + 1), chain.free_particles
-        mass = p.mass * chain.tributary_length[free]
+        mass = chain.mass[free]
         s[layout.MASS, free], s[layout.INVERSE_MASS, free] = mass, 1.0 / mass
         s[layout.LENGTH, : self.links], s[layout.INVERSE_LENGTH, : self.links] = chain.length, 1.0 / chain.length
         per_mass = s[layout.INVERSE_MASS, particles, None]

@@ -34,7 +34,7 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     # initial guess: an elastic catenary stiff enough to be close to the rigid one
     stiff = replace(p, stiffness=max(p.stiffness, 1e7 * load_plane(p).load * total))
     statics = solve_statics(stiff, "unstretched_length", total)
-    forces, tension, gap = link_forces(chain, statics, np.inf, 1e-300)
+    forces, tension, gap = link_forces(chain, statics, np.full(chain.links, np.inf), 1e-300)
     if not gap <= 1e-11 * total or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(

@@ -171,11 +171,11 @@ def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green)
 
     rng = np.random.default_rng(3)
     loads, length = rng.normal(size=(4, 3)), rng.uniform(1.0, 2.0, 5)
-    force = np.array([3.0, -4.0, 5.0])
+    force, stiffness = np.array([3.0, -4.0, 5.0]), rng.uniform(6.0, 12.0, 5)
 
     def at(force):
         gap, hessian = np.zeros(3), np.empty((3, 3))
-        energy = kernels_rest.end_gap(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
+        energy = kernels_rest.end_gap(force, loads, length, stiffness, law_is_green, gap, hessian)  # some 0.5
         return energy, gap, hessian
 
     h = 1e-5
