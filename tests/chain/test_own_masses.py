@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import cablepod as cp
+from cablepod.cli import main
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._particles import tributary_lengths
@@ -351,6 +352,23 @@ def test_summary_of_a_turned_chain_and_its_numbers():
     assert float(a.strain) == pytest.approx(float(rest.tension.max()) / 2.0**14, rel=1e-12)
     assert float(a.axial_stiffness) == 2.0**14
     assert not {"density", "stress", "mass_per_length", "irvine_parameter"} & set(a.data_vars)
+
+
+def test_check_prints_the_frequencies_that_there_are(tmp_path, capsys):
+    path = tmp_path / "beads.toml"
+    path.write_text(
+        "[cable]\nunstretched_length = 6.0\n[ends]\nlower = [0.0, 0.0]\nupper = [5.0, 2.0]\n[chain]\n"
+        "masses = [0.5, 0.4, 2.5, 0.5]\nstiffness = [3.0e3, 8.0e2, 2.0e3]\nlink_lengths = [2.0, 1.0, 3.0]\n"
+    )
+    numbers = cp.summary(cp.read_scene(path))
+    assert np.isnan(numbers.frequency_out_of_plane.values).tolist() == [False, False, True]  # of two particles
+    assert main(["check", str(path)]) == 0
+    lines = {line.strip()[:30].strip(): line for line in capsys.readouterr().out.splitlines()}
+    assert " 3.9 kg" in lines["mass of the particles"]
+    for plane, count in (("in plane", 3), ("out of plane", 2)):
+        found = lines[f"first frequencies {plane}"].split(plane)[1].split(" Hz")[0].split()
+        values = numbers[f"frequency_{plane.replace(' ', '_')}"].values[:count]
+        np.testing.assert_allclose([float(number) for number in found], values, rtol=1e-4)
 
 
 @pytest.mark.parametrize("links", [1, 3])
