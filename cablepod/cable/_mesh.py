@@ -19,6 +19,7 @@ from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters, PointLoad
+from cablepod.parameters._particles import refuse_own
 
 #: Default polynomial order of an element (its eight nodes fill vector registers completely).
 ORDER = 7
@@ -225,6 +226,7 @@ def mesh_of(
     """
     refuse_nonuniform(p, "chain.simulate")
     order = check_order(order)
+    refuse_own(p, "chain.simulate, chain.rest")
     total = unstretched_length(p)
     borders = part_borders(p)
     if elements < borders.size - 1:

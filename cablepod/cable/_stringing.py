@@ -28,6 +28,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ICE, TOP, check_table
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._particles import refuse_own
 from cablepod.scene._completed import completed
 from cablepod.scene._make import check_numbers
 from cablepod.scene._ranges import HERE
@@ -98,6 +99,7 @@ def stringing(
     """
     scene = taken("scene", scene, SCENE)
     p = parameters(scene)
+    refuse_own(p, "chain.rest")
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "ends that are held, between which the cable is at rest")
     refuse_nonuniform(p, "catenary.rest of a scene with a temperature")

@@ -17,6 +17,7 @@ from cablepod.cable._simulate import element_count
 from cablepod.cable._start import converged_equilibrium
 from cablepod.catenary._sag import sag_of
 from cablepod.catenary._statics import load_plane
+from cablepod.chain._summary import numbers_at_rest, numbers_of_chain
 from cablepod.conventions import AIR_OF_EACH, ENDINGS_OF_AIR, STILL_AIR, label, names_in_air
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._similarity import features
@@ -34,6 +35,8 @@ PLANES = ("angular_frequency_in_plane", "angular_frequency_out_of_plane")
 #: Points of the shape in the wind, and tolerance of this shape: this part of the sag in still air (the profile of the wind misses
 #: 3e-5 of the deflection), at least this part of the length.
 POINTS, SAG_RTOL, SHAPE_RTOL = 401, 1e-5, 1e-8
+#: Name of the largest tension [N], which notes need and a summary has not.
+LARGEST = "largest_tension"
 AT_REST, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 #: Name -> (units, long name) of the numbers of a summary.
 NUMBERS = {
@@ -41,6 +44,7 @@ NUMBERS = {
     "inclination": ("rad", "angle of the chord above the horizontal"),
     "weight_per_length": ("N m-1", "weight per unstretched length"),
     "mass_per_length": ("kg m-1", "mass per unstretched length"),
+    "mass": ("kg", "mass of all particles"),
     "density": ("kg m-3", "mass per volume of the unstrained cable"),
     "axial_stiffness": ("N", "axial stiffness EA"),
     "unstretched_length": ("m", "unstretched length of the cable"),
@@ -89,6 +93,8 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         Rest is in the mean wind of the scene, with ``wind.ramp`` in the still air from which the wind rises; the attribute
         ``air`` says which.  Where the scene has wind, the numbers in still air and in its mean wind stand side by side, with the
         endings ``_still_air`` and ``_mean_wind`` (nan where a cable with a ramp finds no rest in the full wind).
+        A chain with masses or stiffnesses of its own has ``mass`` [kg] of all particles in place of the mass per length, and
+        neither the Irvine parameter nor ``sag_below_chord`` and ``horizontal_force``.
 
     Raises
     ------
@@ -97,13 +103,15 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Rest in still air is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it.
-    Rest in wind is that of :func:`cablepod.cable.rest` by the linear law, point loads included.  A free end is held.  Frequencies
-    are those of :func:`cablepod.cable.frequencies` by the linear law about rest under all loads at time 0, nan for a free end or
-    a cable that is not taut.  The first axial frequency is pi / L0 sqrt(EA / mu).  lambda squared is (q_n L0 / T)^2 EA / T with
-    the load per length q_n normal to the chord (drag included) and the mean tension T of both ends.  Loads (without drag) and
-    motions are bounds of their absolute values during the run.  The thresholds of the notes are constants of
-    ``cablepod.scene._notes``, each with its reason.
+    Rest in still air is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it. Rest
+    in wind is that of :func:`cablepod.cable.rest` by the linear law, point loads included.  A free end is held.  Frequencies are
+    those of :func:`cablepod.cable.frequencies` by the linear law about rest under all loads at time 0, nan for a free end or a
+    cable that is not taut.  The first axial frequency is pi / L0 sqrt(EA / mu).  A chain with masses or stiffnesses of its own is
+    at rest as :func:`cablepod.chain.rest`, with all loads; its axial stiffness is that of the links in series, times the length,
+    its frequencies are those of its particles, in and out of the plane each with the other displacement held.  lambda squared is
+    (q_n L0 / T)^2 EA / T with the load per length q_n normal to the chord (drag included) and the mean tension T of both ends.
+    Loads (without drag) and motions are bounds of their absolute values during the run.  The thresholds of the notes are
+    constants of ``cablepod.scene._notes``, each with its reason.
 
     Examples
     --------
@@ -154,28 +162,33 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
     result = {
         "chord": numbers.chord,
         "inclination": math.asin(max(-1.0, min(1.0, reach[1] / numbers.chord))),
-        "weight_per_length": weight,
-        "mass_per_length": p.mass,
-        **({} if p.area is None else {"density": numbers.density}),
+        **({} if p.masses is not None else {"weight_per_length": weight, "mass_per_length": p.mass}),
+        **({} if p.masses is not None or p.area is None else {"density": numbers.density}),
         "axial_stiffness": p.stiffness,
         "unstretched_length": numbers.length,
         "load_over_weight": numbers.load / (weight * numbers.length) if weight > 0.0 else math.nan,
         "motion_over_chord": numbers.motion / numbers.chord,
         "first_axial_frequency": math.pi / numbers.length * math.sqrt(p.stiffness / p.mass),
     }
+    if p.own_keys:
+        result |= numbers_of_chain(p)
     if p.breaking_strength is not None:
         result |= {"breaking_strength": p.breaking_strength}
-    still, tension = _in_still_air(p, numbers), None
+    still = _of_chain(replace(p, wind=None, turbulence=None)) if p.own_keys else _in_still_air(p, numbers)
+    tension = still.pop(LARGEST)
     if p.wind is None:
         result |= still
     else:
         full, ramp = replace(p, wind={**p.wind, "ramp": 0.0}), bool(p.wind["ramp"])
         try:
-            in_wind = still if air_at_rest(full) == STILL_AIR else _in_wind(full, numbers.length, still["sag"])
-            tension = in_wind["strain"] * p.stiffness
+            in_wind = dict(still)
+            if air_at_rest(full) != STILL_AIR:
+                in_wind = _of_chain(full) if p.own_keys else _in_wind(full, numbers.length, still["sag"])
+                tension = in_wind.pop(LARGEST)
         except SceneError:
             if not ramp:
                 raise
+            tension = None
             in_wind = {name: np.full(np.shape(value), math.nan) for name, value in still.items()}
         parts = {AT_REST: still if ramp else in_wind, OF_STILL_AIR: still, OF_MEAN_WIND: in_wind}
         result |= {f"{name}{ending}": value for ending, part in parts.items() for name, value in part.items()}
@@ -193,11 +206,21 @@ def _at_rest(p: Parameters, chord: float, largest_tension: float, sag: float, **
     result = {
         **others,
         **({} if p.area is None else {"stress": largest_tension / p.area}),
-        "strain": largest_tension / p.stiffness,
+        "strain": others.get("strain", largest_tension / p.stiffness),
+        LARGEST: largest_tension,
         "sag": sag,
         "sag_over_chord": sag / chord,
     }
     return result if p.breaking_strength is None else result | {"utilisation": largest_tension / p.breaking_strength}
+
+
+def _of_chain(p: Parameters) -> dict[str, Any]:
+    """Return the numbers as :func:`_in_still_air` of a chain with masses or stiffnesses of its own, at rest in its air."""
+    numbers, *frequencies = numbers_at_rest(p, FREQUENCIES)
+    largest, sag = numbers.pop(LARGEST), numbers.pop("sag")
+    return _at_rest(p, math.dist(*p.initial_ends), largest, sag, **numbers) | dict(
+        zip(PLANES, frequencies, strict=True)
+    )
 
 
 def _in_still_air(p: Parameters, numbers: StaticNumbers) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._keys import CATENARY_KEYS, exactly_one
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._particles import refuse_own
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
@@ -70,6 +71,8 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     integer(least=2)("points", points)
     scene = taken("scene", scene, SCENE)
     members = list(Members(scene))
+    for p in members:
+        refuse_own(p, "chain.rest")
     if any(p.point_loads for p in members):
         warnings.warn(
             "catenary.rest leaves out the point loads of the scene; use chain.rest to include them",

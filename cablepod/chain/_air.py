@@ -102,7 +102,7 @@ class ChainAir:
         """Return a bound of the rate at which drag takes away a motion along the wind in a run until an instant [s] [1/s]."""
         chain, p, free = self.chain, self.chain.p, self.chain.free_particles
         rate = drag_rate(p, self.air, end_time)
-        if not (p.segments or p.attachments):
+        if not (p.segments or p.attachments or p.masses is not None):
             return rate
         speed = rate * p.mass / (2.0 * self.drag) if self.drag else self.air.largest_speed
         areas = self.drags * chain.tributary_length + (0.0 if self.bodies is None else self.bodies)

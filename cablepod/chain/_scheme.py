@@ -83,6 +83,9 @@ def prepare(
         For options that do not fit this scene, a scene without equilibrium, an output that would not fit in memory.
     """
     check_viscous_law(request.law, p.link_viscosity)
+    if p.own_keys and "error_estimate" in request.outputs:
+        allowed = f"none beside {p.own_keys[0]}, as fewer links would be another chain"
+        raise scene_error("outputs", "error_estimate", allowed)
     chain = chain_of(p, request.links, request.law)
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"

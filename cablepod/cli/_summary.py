@@ -18,6 +18,7 @@ LINES = (
     ("inclination of the chord", "inclination"),
     ("weight", "weight_per_length"),
     ("mass", "mass_per_length"),
+    ("mass of the particles", "mass"),
     ("density", "density"),
     ("axial stiffness EA", "axial_stiffness"),
     ("unstretched length", "unstretched_length"),
@@ -54,8 +55,9 @@ def table(summary: xr.Dataset) -> str:
             lines.append(f"  {text:<32}" + _side_by_side(values))
     for text, plane in FREQUENCIES:
         for key, state in _states(summary, f"frequency_{plane}"):
-            hertz, omega = ("  ".join(map(digits, summary[name].values)) for name in (key, f"angular_{key}"))
-            found = "none" if "nan" in hertz else f"{hertz} Hz  ({omega} rad/s){state and f' in {state}'}"
+            known = [summary[name].dropna("mode").values for name in (key, f"angular_{key}")]  # few particles have few
+            hertz, omega = ("  ".join(map(digits, values)) for values in known)
+            found = f"{hertz} Hz  ({omega} rad/s){state and f' in {state}'}" if hertz else "none"
             lines.append(f"  {text:<32}{found}")
     hertz, omega = (digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")

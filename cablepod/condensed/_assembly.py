@@ -13,6 +13,7 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._particles import refuse_own
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -79,6 +80,7 @@ def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) 
                 quadrature,
                 'only with order "exact" or "inertial", and without point loads, which kink the cable',
             )
+    refuse_own(p, "chain.simulate")
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "two held ends, which define the chord; try: chain.simulate")
     if p.link_viscosity is not None:

@@ -21,6 +21,7 @@ from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._particles import refuse_own
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import fix_sign
 from cablepod.pod._snapshots import tributary_weights
@@ -96,6 +97,7 @@ def vibration_modes(
     scene = taken("scene", scene, SCENE)
     p = parameters(scene)
     refuse_nonuniform(p, "cable.frequencies")
+    refuse_own(p, "chain.simulate and pod.decompose")
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "two held ends, which define the chord")
     chain = chain_of(p, links, law)

@@ -42,6 +42,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "coordinate": ("1", "axis of the position, y pointing up"),
     "arc_length": ("m", "unstretched arc length from the lower end"),
     "link_arc_length": ("m", "unstretched arc length from the lower end to the middle of the link"),
+    "particle_mass": ("kg", "mass of the particle"),
     "link_number": ("1", "number of the link, 1 at the lower end"),
     "mode": ("1", "number of the mode, from 1, by falling singular value"),
     "end": ("1", "end of the cable"),

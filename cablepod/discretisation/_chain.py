@@ -21,6 +21,7 @@ from cablepod.discretisation._step_limit import highest_axial_frequency, verlet_
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters, PointLoad
+from cablepod.parameters._particles import lengths_of_links, tributary_lengths
 from cablepod.parameters._time_functions import TimeFunction
 
 
@@ -28,8 +29,9 @@ from cablepod.parameters._time_functions import TimeFunction
 class LumpedChain:
     """Links and masses of the chain of a scene.
 
-    A particle carries half the mass and load of the links beside it, of a cable of several segments by the lever rule.  So does
-    a point load act on the two particles of its link; an attachment has a particle of its own.
+    A particle carries half the mass and load of the links beside it, of a cable of several segments by the lever rule, unless the
+    scene gives the mass of each particle and the stiffness of each link.  A point load acts on the two particles of its link by
+    the lever rule; an attachment has a particle of its own.
     """
 
     p: Parameters
@@ -57,29 +59,44 @@ class LumpedChain:
     @cached_property
     def k(self) -> np.ndarray:
         """Stiffness of the links (n,) [N/m]."""
+        if (own := self.p.link_stiffness) is not None:
+            return np.asarray(own / self.p.expansion)
         if not self.p.segments:
-            return self.p.stiffness / self.length
+            return np.asarray(self.p.stiffness / self.length)
         return 1.0 / compliances(self.arc_length, self._borders, self._of_segments("stiffness"))
+
+    @property
+    def _has_one_stiffness(self) -> bool:
+        """Whether the axial stiffness is the same along the cable."""
+        return not self.p.segments and self.p.link_stiffness is None
 
     @cached_property
     def axial_stiffness(self) -> float | np.ndarray:
-        """Axial stiffness K of the links [N]: one number, or (n,) of a cable of several segments."""
-        return self.k * self.length if self.p.segments else self.p.stiffness
+        """Axial stiffness K of the links [N]: one number, or (n,) where it differs along the cable."""
+        return self.p.stiffness if self._has_one_stiffness else self.k * self.length
 
     @cached_property
     def largest_axial_stiffness(self) -> float:
         """Largest axial stiffness K along the cable [N]."""
-        return max((segment.stiffness for segment in self.p.segments), default=self.p.stiffness)
+        if self.p.segments:
+            return max(segment.stiffness for segment in self.p.segments)
+        return float(np.max(self.axial_stiffness))
 
     @cached_property
     def mass(self) -> np.ndarray:
         """Masses of the particles (n + 1,) [kg]."""
-        return self._of_particles("mass")
+        p = self.p
+        if p.masses is None:
+            return self._of_particles("mass")
+        ice = 0.0 if p.bare is None else p.mass - p.bare.mass / p.expansion  # per unstretched length
+        return p.masses + ice * self.tributary_length
 
     @property
     def _weights(self) -> np.ndarray:
         """Weights of the particles (n + 1, dims) [N]."""
-        return self._of_particles("weight")
+        if self.p.masses is None:
+            return self._of_particles("weight")
+        return self.mass[:, None] * (self.p.weight / self.p.mass)
 
     @property
     def _borders(self) -> list[float]:
@@ -134,8 +151,7 @@ class LumpedChain:
     @cached_property
     def tributary_length(self) -> np.ndarray:
         """Unstretched length that each particle carries (n + 1,) [m]."""
-        half = 0.5 * self.length
-        return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
+        return tributary_lengths(self.length)
 
     @property
     def particles(self) -> np.ndarray:
@@ -232,7 +248,7 @@ class LumpedChain:
     def strain_energy(self, position: np.ndarray) -> np.ndarray:
         """Return the strain energy of all links (...) [J] at positions (..., n + 1, dims) [m]."""
         per_length = strain_energy_density(self.stretch(position), green=self.green)
-        if not self.p.segments:
+        if self._has_one_stiffness:
             return self.p.stiffness * (per_length * self.length).sum(axis=-1)
         return (per_length * self.axial_stiffness * self.length).sum(axis=-1)
 
@@ -283,11 +299,16 @@ class LumpedChain:
     @property
     def _least_stiffness(self) -> float:
         """Least axial stiffness K along the cable [N]."""
-        return min((segment.stiffness for segment in self.p.segments), default=self.p.stiffness)
+        if self.p.segments:
+            return min(segment.stiffness for segment in self.p.segments)
+        return float(np.min(self.axial_stiffness))
 
     @property
     def _axial_viscosity(self) -> float | None:
-        """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that."""
+        """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that.
+
+        T is that of the cable of the mean mass and stiffness, K that of the softest link.
+        """
         if self.p.tension_damping is None:
             return self.p.link_viscosity
         strain = float(self.statics[4:].max()) / self._least_stiffness
@@ -311,13 +332,16 @@ def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, lea
         )
     key = "links" if links is not None else "chain.links"
     check_memory(1, count, p.dims, key=key)
-    relative = np.ones(count) if p.link_lengths is None else p.link_lengths
-    if relative.size != count:
-        raise scene_error(
-            "links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those"
-        )
+    for name, values, more in (
+        ("link_lengths", p.link_lengths, 0),
+        ("masses", p.masses, 1),
+        ("stiffness", p.link_stiffness, 0),
+    ):
+        if values is not None and values.size != count + more:
+            allowed = f"{values.size - more}, as many as chain.{name} has, or a scene without those"
+            raise scene_error("links", links, allowed)
     total = unstretched_length(p)
-    even = total * (relative / relative.sum())
+    even = lengths_of_links(total, count, p.link_lengths)
     length = lengths_between_attachments(p, total, count, key) if p.attachments else even
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
     arc_length[-1] = total

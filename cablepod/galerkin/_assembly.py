@@ -16,6 +16,7 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._particles import refuse_own
 from cablepod.pod._project import mean_of, mode_fields
 from cablepod.pod._snapshots import relative_arc_length
 from cablepod.wind._air import check_no_wind
@@ -61,6 +62,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
         )
     refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")
     refuse_nonuniform(p, "condensed.simulate or chain.simulate")
+    refuse_own(p, "chain.simulate")
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
         raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")

@@ -116,7 +116,7 @@ def driven_of(p: Parameters, end_time: float) -> Driven:
     starts = bool(
         p.free_end or p.initial or p.turbulence or (p.wind or {}).get("ramp")
     )  # whatever moves, moves one half wave
-    if end_time == 0.0 or not (starts or p.time_functions()):
+    if end_time == 0.0 or not (starts or p.time_functions()) or p.own_keys:  # a chain of its own stands for no cable
         return Driven(0.0, 0.0, 0.0)
     try:
         statics = solve_statics(p, p.length_key, p.length_value)

@@ -27,10 +27,14 @@ def chain_coordinates(chain: LumpedChain, *, has_links: bool) -> dict[str, Any]:
     """Return the coordinates of a result on the particles of a chain, or on the output particles of a mesh.
 
     `has_links` tells whether it has variables of the links between them.  Neither particles nor links have labels, by which
-    xarray would pair those of the same number in results of different meshes.
+    xarray would pair those of the same number in results of different meshes.  Particles with masses of their own have these.
     """
-    middles = {"link_arc_length": ("link", middles_of(chain.particles))} if has_links else {}
-    return {"arc_length": ("particle", chain.particles), **middles, "coordinate": np.array(COORDINATES[: chain.p.dims])}
+    coords: dict[str, Any] = {"arc_length": ("particle", chain.particles)}
+    if chain.p.masses is not None:
+        coords["particle_mass"] = ("particle", chain.mass)
+    if has_links:
+        coords["link_arc_length"] = ("link", middles_of(chain.particles))
+    return {**coords, "coordinate": np.array(COORDINATES[: chain.p.dims])}
 
 
 def middles_of(arc_length: np.ndarray) -> np.ndarray:

@@ -283,7 +283,9 @@ class ChainRun:
             return {}
         # by rounding of the coordinates, which stiff links turn into tension
         reach, link = float(np.abs(self.initial).max()), self.chain.total_length / self.chain.links
-        rounding = ROUNDING * self.chain.p.stiffness * (1.0 + reach / link)
+        own = self.chain.p.link_stiffness
+        stiffness = self.chain.p.stiffness if own is None else link * float(np.max(own))
+        rounding = ROUNDING * stiffness * (1.0 + reach / link)
         return {"tension": self.compared_tension, "tension_rounding": rounding, "note_tension": note_tension_error}
 
     def compared_tension(self, state: Trajectory) -> np.ndarray:

@@ -33,7 +33,7 @@ def simulate(
 
     p = parameters(scene)
     lumped = chain_of(p)
-    k, length, mass = lumped.k, lumped.length, (p.mass * lumped.tributary_length)[1:-1]
+    k, length, mass = lumped.k, lumped.length, lumped.mass[1:-1]
     weight = 1j * p.weight[1] / p.mass
     start = chain.rest(scene)["position"].values @ [1.0, 1.0j]
     free = start.size - 2

@@ -32,6 +32,7 @@ from cablepod.parameters._keys import (
 from cablepod.parameters._nonuniform import VARIABLES as NONUNIFORM
 from cablepod.parameters._nonuniform import with_segments_and_attachments
 from cablepod.parameters._parameters import Parameters, PointLoad
+from cablepod.parameters._particles import check_own, number_of_links, with_means
 from cablepod.parameters._scene_values import check_values
 from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
@@ -142,6 +143,7 @@ class Members(Sequence[Parameters]):
             or "damping_tension_proportional" in self.varied
             or names & {"damping_ratio", "damping_ratios"}
             or any(name.startswith(("wind_", "ice_", *NONUNIFORM)) for name in names)
+            or names & {"chain_masses", "chain_stiffness"}
             or any(motion.kind not in SINES for motion in p.motions.values())
         )
 
@@ -178,6 +180,8 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
     """Make parameters from the values of scene variables by name, converted by `number`."""
     uniform = _uniform_from_values(values, number)
     if any(name.startswith(NONUNIFORM) for name in values):
+        if uniform.own_keys:
+            raise SceneError(f"{uniform.own_keys[0]}: given; allowed: none beside [[segment]] and [[attachment]]")
         return with_segments_and_attachments(uniform, values, _uniform_from_values)
     return uniform
 
@@ -188,14 +192,15 @@ def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any]
         if name not in values:
             raise SceneError(f"{dotted(name)}: missing; allowed: a number, as make_scene gives it")
     cable = table_at(values, "cable", CABLE)
+    time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
+    check_own(cable, chain, table_at(values, "initial", INITIAL))
     length_key = exactly_one("cable", cable, LENGTH_KEYS)
-    gravity = number(values["gravity"])
-    section = cross_section(cable, gravity, number=number)
+    gravity, free_end = number(values["gravity"]), str(values["ends_free"]) if "ends_free" in values else None
+    section = cross_section(with_means(cable, chain, free_end), gravity, number=number)
     weight = np.zeros(values["ends_lower"].shape)
     dims = weight.shape[-1]
     weight[..., 1] = -section.weight
     motions = {key: _time_function(values, motion_path(*key)) for key in product(ENDS, COORDINATES[:dims])}
-    time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
     result = Parameters(
         stiffness=section.stiffness,
         area=section.area,
@@ -203,7 +208,7 @@ def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any]
         weight=weight,
         lower=values["ends_lower"],
         upper=upper_end(table_at(values, "ends", TABLES["ends"])),
-        free_end=str(values["ends_free"]) if "ends_free" in values else None,
+        free_end=free_end,
         motions={key: motion for key, motion in motions.items() if motion is not None},
         load=values["load_uniform"] if np.any(values.get("load_uniform", 0.0)) else None,
         load_factor=_time_function(values, "load", keeps_start=True),
@@ -214,7 +219,7 @@ def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any]
         length_value=number(cable[length_key]),
         duration=float(time["duration"]) if "duration" in time else None,
         interval=float(time["interval"]) if "interval" in time else None,
-        links=int(chain["links"]) if "links" in chain else None,
+        links=int(chain["links"]) if "links" in chain else number_of_links(chain),
         link_lengths=chain.get("link_lengths"),
         initial=table_at(values, "initial", INITIAL),
         mass_damping=_nonzero(damping, "mass_proportional", number),
@@ -227,6 +232,8 @@ def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any]
         drag_coefficient=number(cable.get("drag_coefficient", 1.2)),
         wind=whole_table_at(values, "wind", WIND) or None,
         turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
+        masses=chain.get("masses"),
+        link_stiffness=chain.get("stiffness"),
     )
     result = expanded(result, expansion_of(values, cable, "cable", number))
     ice = whole_table_at(values, "ice", ICE)

@@ -135,6 +135,8 @@ TIME = {
 CHAIN = {
     "links": Key(integer(least=2), "1", "number of links"),
     "link_lengths": Key(numbers_list(least_length=2, above=0.0), "1", "relative unstretched lengths of the links"),
+    "masses": Key(numbers_list(least_length=3, above=0.0), "kg", "masses of the particles, both ends included"),
+    "stiffness": Key(numbers_list(least_length=2, above=0.0), "N m-1", "stiffness of the links"),
 }
 INITIAL = {
     "top_tension": _force("top tension of the rest shape from which the run starts"),

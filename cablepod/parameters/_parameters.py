@@ -96,7 +96,8 @@ class Parameters:
 
     The numbers of a cable of several segments are means over its unstretched length: its mass and weight are those of the
     whole cable, its stiffness is that under one tension.  Its breaking strength is the least, and it has an area where all are
-    equal.
+    equal.  A chain with masses and stiffnesses of its own has those of a uniform cable of the same mass and compliance beside
+    them.
     """
 
     stiffness: Any  #: axial stiffness K [N]
@@ -133,6 +134,9 @@ class Parameters:
     segments: tuple[Segment, ...] = ()  #: from the lower end on, different from one to the next; empty if uniform
     #: in the order of their tables, see :func:`cablepod.parameters._nonuniform.attachment_fractions`
     attachments: tuple[Attachment, ...] = ()
+    masses: np.ndarray | None = None  #: of the particles, without ice (links + 1,) [kg]; None for those of a cable
+    #: of the links at the reference temperature (links,) [N/m]; None for that of a cable
+    link_stiffness: np.ndarray | None = None
     #: the same cable as it was tensioned, without ice and at the reference temperature; None where it is the same
     bare: Parameters | None = None
     expansion: Any = 1.0  #: unstretched length over that of `bare`
@@ -141,6 +145,17 @@ class Parameters:
     def dims(self) -> int:
         """Number of coordinates: two for a planar scene, three for a spatial one."""
         return self.lower.shape[-1]
+
+    @cached_property
+    def own_keys(self) -> tuple[str, ...]:
+        """Key paths of the masses and stiffnesses that the chain has of its own; empty for a cable."""
+        given = {"chain.masses": self.masses, "chain.stiffness": self.link_stiffness}
+        return tuple(key for key, values in given.items() if values is not None)
+
+    @property
+    def stiffness_path(self) -> str:
+        """Key path that gives the axial stiffness, for messages."""
+        return f"cable.{self.stiffness_key}" if self.link_stiffness is None else "chain.stiffness"
 
     @cached_property
     def ends(self) -> np.ndarray:

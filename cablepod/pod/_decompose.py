@@ -24,7 +24,6 @@ from cablepod.pod._snapshots import (
     lift,
     position_of,
     positions,
-    relative_arc_length,
     weight_roots,
 )
 from cablepod.pod._stream import Stream, add_checked
@@ -67,8 +66,8 @@ def decompose(
         the largest are noise.  With "svd", many snapshots and lazy data (as of ``archive.read(path, chunks=...)``) are read once,
         in blocks, by :class:`cablepod.pod.Stream`; the attribute ``algorithm`` names the algorithm used.
     weights
-        Weights of the particles in the inner product: None for equal weights, as in the paper; "length" or "mass" for the
-        tributary unstretched length, scaled to mean 1 (both are the same for a uniform cable).
+        Weights of the particles in the inner product: None for equal weights, as in the paper; "length" for the tributary
+        unstretched length, "mass" for the mass, scaled to mean 1.  Both are the same unless the chain has masses of its own.
     center
         Subtract the time mean first.  Layout "normal" is never centred.
 
@@ -140,11 +139,10 @@ def _decompose_matrix(
         lifted = np.moveaxis(pod_normal.deflections(positions(snapshots)), 0, -1)
     else:
         lifted, _ = lift(snapshots)
-    sigma = relative_arc_length(snapshots)
     samples, particles, dims = lifted.shape
     mean = lifted.mean(axis=0) if center else np.zeros((particles, dims))
     inner = (lifted - mean)[:, 1:-1]
-    root = weight_roots(sigma, weights)
+    root = weight_roots(snapshots, weights)
     # inner particles only: zero rows of the ends would give spurious modes
     if layout != "vector":
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]

@@ -16,7 +16,7 @@ from cablepod.errors import SceneError, did_you_mean, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
-from cablepod.pod._snapshots import arc_length_of
+from cablepod.pod._snapshots import MASS, arc_length_of, masses_of
 from cablepod.pod._training_range import add_training_range
 
 LAYOUTS = ("separate", "vector", "normal")
@@ -94,7 +94,7 @@ def labelled(
     total = squares.sum(axis=1, keepdims=True) + outside
     truncated = squares[:, kept:].sum(axis=1, keepdims=True) + outside
     truncation = np.sqrt(np.divide(truncated, total, out=np.zeros_like(total), where=total > 0))[:, 0]
-    arc_length = arc_length_of(like)
+    arc_length, mass = arc_length_of(like), masses_of(like) if options["weights"] == "mass" else None
     with np.errstate(over="ignore", under="ignore"):
         proper = values**2 / samples
     tables = {
@@ -117,6 +117,7 @@ def labelled(
                 "mode": np.arange(1, kept + 1),
                 "coordinate": like["coordinate"].values,
                 "arc_length": ("particle", arc_length),
+                **({MASS: ("particle", mass)} if mass is not None else {}),
             }
         ),
     )

@@ -13,7 +13,7 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import amplitude_dataset
-from cablepod.pod._snapshots import lift, positions, relative_arc_length, tributary_weights
+from cablepod.pod._snapshots import lift, particle_weights, positions, relative_arc_length
 
 
 def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
@@ -115,7 +115,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     if set(snapshots["position"].dims) != {"time", "particle", "coordinate"}:
         raise scene_error("snapshots.position", snapshots["position"].dims, "('time', 'particle', 'coordinate')")
     weights = str(choice("None", "length", "mass")("modes.weights", modes.attrs.get("weights")))
-    weight = np.ones(sigma.size) if weights == "None" else tributary_weights(sigma)
+    weight = particle_weights(modes, None if weights == "None" else weights)
     if modes.attrs["layout"] == "normal":
         position = positions(snapshots)
         variables, ends = pod_normal.project(position, modes, weight), position[:, (0, -1)]

@@ -11,6 +11,9 @@ from cablepod._inputs import ROUNDING, floats
 from cablepod.errors import SceneError
 from cablepod.pod._blocks import read_blocks
 
+#: Coordinate of the masses of the particles.
+MASS = "particle_mass"
+
 
 def arc_length_of(snapshots: xr.Dataset) -> np.ndarray:
     """Return the arc length (particle) [m], of the first member if there are several."""
@@ -33,9 +36,48 @@ def tributary_weights(sigma: np.ndarray) -> np.ndarray:
     return length / length[1:-1].mean()
 
 
-def weight_roots(sigma: np.ndarray, weights: str | None) -> np.ndarray:
+def particle_weights(dataset: xr.Dataset, weights: str | None) -> np.ndarray:
+    """Return the weights of the particles (particle), of mean 1 over the inner ones.
+
+    Parameters
+    ----------
+    dataset
+        Snapshots or modes.
+    weights
+        None for equal weights, "length" for the tributary lengths, "mass" for the masses of the particles, which are in the ratio
+        of these lengths unless the chain has masses of its own.
+    """
+    if weights is None:
+        return np.ones(dataset.sizes["particle"])
+    mass = masses_of(dataset) if weights == "mass" else None
+    return tributary_weights(relative_arc_length(dataset)) if mass is None else mass / mass[1:-1].mean()
+
+
+def weight_roots(dataset: xr.Dataset, weights: str | None) -> np.ndarray:
     """Return the square roots of the weights of the inner particles."""
-    return np.ones(sigma.size - 2) if weights is None else np.sqrt(tributary_weights(sigma)[1:-1])
+    return np.sqrt(particle_weights(dataset, weights)[1:-1])
+
+
+def masses_of(dataset: xr.Dataset) -> np.ndarray | None:
+    """Return the masses of the particles (particle) [kg] of a chain with masses of its own; None for others.
+
+    Raises
+    ------
+    SceneError
+        For members whose particles have other ratios of masses, and for masses that are not above 0.
+    """
+    if MASS not in dataset.variables:
+        return None
+    mass = dataset.variables[MASS]
+    rows = floats(mass.transpose(..., "particle").values.reshape(-1, mass.sizes["particle"]))
+    if not (np.isfinite(rows).all() and rows.min() > 0.0):
+        raise SceneError(f"snapshots: given values of {MASS} that are not finite and above 0; allowed: masses [kg]")
+    relative = rows[:, 1:-1] / rows[:, 1:-1].sum(axis=1, keepdims=True)  # ends do not take part
+    if np.abs(relative / relative[0] - 1.0).max() > ROUNDING:
+        raise SceneError(
+            f'weights: given "mass" and members with different ratios of {MASS}; allowed: "length" or None; try: each by itself'
+        )
+    return rows[0]
 
 
 def position_of(snapshots: xr.Dataset) -> xr.DataArray:
@@ -94,6 +136,16 @@ def check_same_particles(parts: Sequence[xr.Dataset]) -> None:
         raise SceneError(
             "snapshots: given trajectories with particles at different S / L0 or with other coordinates, the trajectories "
             f"{_first_names(np.array(different))} differ from the first one; allowed: the same in all"
+        )
+
+
+def check_same_masses(parts: Sequence[xr.Dataset]) -> None:
+    """Refuse trajectories on particles with other ratios of masses, which have no common inner product by mass."""
+    first, *others = [particle_weights(part, "mass")[1:-1] for part in parts]
+    if any(np.abs(weight / first - 1.0).max() > ROUNDING for weight in others):
+        raise SceneError(
+            'weights: given "mass" and trajectories of chains with different ratios of the masses of their particles; allowed: '
+            '"length" or None'
         )
 
 

@@ -22,7 +22,14 @@ from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_row
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._incremental import IncrementalSVD
 from cablepod.pod._label import TWO_THREAD_SAMPLES, check_options, labelled
-from cablepod.pod._snapshots import broken_member, position_of, relative_arc_length, weight_roots
+from cablepod.pod._snapshots import (
+    MASS,
+    broken_member,
+    check_same_masses,
+    position_of,
+    relative_arc_length,
+    weight_roots,
+)
 from cablepod.pod._training_range import range_of, union_of_ranges
 
 
@@ -76,7 +83,7 @@ class Stream:
             self._check_particles(snapshots)
         # copies: an error in a later block leaves the stream unchanged
         sums = copy.deepcopy(self._sums) or [IncrementalSVD(width, center=self.center) for width in features]
-        root = None if self.weights is None else weight_roots(sigma, self.weights)
+        root = None if self.weights is None else weight_roots(snapshots, self.weights)
         samples, reference = count_snapshots(position), self._reference
         small = max(features, default=0) <= COMPLETE
         # BLAS has one thread for small matrices: two threads then add the blocks of long lazy data to sums of their own
@@ -148,9 +155,8 @@ class Stream:
         check_options(self.layout, "svd", self.weights, rank, energy)
         if self._like is None or self.samples == 0:
             raise SceneError("snapshots: given none; allowed: at least two instants")
-        sigma = relative_arc_length(self._like)
-        root = weight_roots(sigma, self.weights)
-        width = sigma.size - 2
+        root = weight_roots(self._like, self.weights)
+        width = root.size
         # the same number of modes for all coordinates
         most = max(svd.axes.shape[1] for svd in self._sums)
         with one_blas_thread() if most <= COMPLETE else nullcontext():
@@ -189,6 +195,8 @@ class Stream:
         assert self._like is not None
         sigma, new_sigma = relative_arc_length(self._like), relative_arc_length(snapshots)
         same = sigma.shape == new_sigma.shape and np.abs(sigma - new_sigma).max() <= ROUNDING
+        if same and self.weights == "mass":
+            check_same_masses([self._like, snapshots])
         coordinates = snapshots["coordinate"].values.tolist()
         if not same or coordinates != self._like["coordinate"].values.tolist():
             members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""
@@ -200,7 +208,7 @@ class Stream:
     def _record(self, samples: int, like: xr.Dataset, inputs: Iterable[provenance.Input]) -> Stream:
         """Record the number of snapshots and their history; return the stream."""
         if self._like is None:
-            self._like = like[["arc_length", "coordinate"]].load().copy(deep=True)
+            self._like = like[["arc_length", "coordinate", *({MASS} & set(like.coords))]].load().copy(deep=True)
             self._like.attrs = dict(like.attrs)
         elif self._like.attrs.get("law") != like.attrs.get("law"):  # modes of several laws name none
             self._like.attrs.pop("law", None)

@@ -34,6 +34,7 @@ from cablepod.parameters._keys import (
     time_function_keys,
 )
 from cablepod.parameters._nonuniform import ALTERNATIVES, check_direction_given, of_segment, segment_bounds
+from cablepod.parameters._particles import check_own, number_of_links, with_means
 from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST
 from cablepod.scene._ranges import check_ranges, with_counts_expanded
@@ -57,8 +58,8 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
             table = with_strand(mapping[name], folder) if name == "cable" else mapping[name]
             tree[name] = check_table(name, table, keys)
     dims = _check_ends(tree)
-    check_cable(tree)
     check_chain(tree)
+    check_cable(tree)
     check_damping(tree.get("damping", {}))
     _check_initial(tree, dims)
     check_time(tree)
@@ -114,30 +115,39 @@ def _check_chord(key: str, given: Any, chord: float) -> None:
 
 
 def check_cable(tree: dict[str, Any], prefix: str = "cable", length_keys: tuple[str, ...] = LENGTH_KEYS) -> None:
-    """Check the table of a cable; `length_keys` are those of which it must have exactly one."""
-    cable = tree["cable"]
+    """Check the table of a cable, with the masses and stiffnesses of its own that a table ``[chain]`` has.
+
+    `length_keys` are those of which it must have exactly one.
+    """
+    chain = tree.get("chain", {})
+    check_own(tree["cable"], chain, tree.get("initial", {}))
     if length_keys:
-        exactly_one(prefix, cable, length_keys)
+        exactly_one(prefix, tree["cable"], length_keys)
+    cable = with_means(tree["cable"], chain, tree.get("ends", {}).get("free"))
     section = cross_section(cable, tree["gravity"], prefix=prefix)
     if not 1e-6 <= section.stiffness <= 1e18:
-        given = cable[section.stiffness_key]
         allowed = f"an axial stiffness of 1e-6 to 1e18 N (it is {section.stiffness:g} N)"
-        raise scene_error(f"{prefix}.{section.stiffness_key}", given, allowed)
+        own = "stiffness" in chain
+        key, given = f"{prefix}.{section.stiffness_key}", cable[section.stiffness_key]
+        raise scene_error("chain.stiffness" if own else key, chain["stiffness"] if own else given, allowed)
     if not 1e-15 <= section.mass <= 1e15 or not section.weight <= 1e15:
-        given = cable[section.weight_key]
         allowed = f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {section.mass:g} kg/m)"
-        raise scene_error(f"{prefix}.{section.weight_key}", given, allowed)
+        own = "masses" in chain
+        key, given = f"{prefix}.{section.weight_key}", cable[section.weight_key]
+        raise scene_error("chain.masses" if own else key, chain["masses"] if own else given, allowed)
 
 
 def check_chain(tree: dict[str, Any]) -> None:
     if "chain" not in tree:
         return
     chain = tree["chain"]
-    if "links" not in chain and "link_lengths" not in chain:
+    if "links" not in chain and (links := number_of_links(chain)) is not None:
+        chain["links"] = links
+    if "links" not in chain:
         raise SceneError("chain.links: missing; allowed: a whole number of at least 2, or chain.link_lengths")
     lengths = chain.get("link_lengths")
     if lengths is not None:
-        if chain.setdefault("links", len(lengths)) != len(lengths):
+        if chain["links"] != len(lengths):
             raise scene_error("chain.link_lengths", lengths, f"{chain['links']} numbers, as many as chain.links says")
         if max(lengths) / min(lengths) > 1e6:
             raise scene_error("chain.link_lengths", lengths, "lengths that differ by a factor of at most 1e6")

@@ -18,7 +18,7 @@ from cablepod.parameters._mast_keys import SHARED_TABLES
 from cablepod.scene._check import check_cable, check_chain, check_time
 from cablepod.scene._files import read_record
 from cablepod.scene._make import Variables, _variable
-from cablepod.scene._mast import DAMPING_OF_CABLES, MAST_TABLES
+from cablepod.scene._mast import DAMPING_OF_CABLES, LISTS_OF_LINKS, MAST_TABLES
 from cablepod.scene._ranges import KEYS_OF_WORDS
 from cablepod.scene._wind import check_wind
 
@@ -54,7 +54,7 @@ def may_have(scene: xr.Dataset, path: str) -> bool:
     table, _, name = path.rpartition(".")
     if "mast_height" not in scene:
         return table.partition(".")[0] not in MAST_TABLES
-    is_shared = table in ("", *SHARED_TABLES) and name not in (*DAMPING_OF_CABLES, "link_lengths")
+    is_shared = table in ("", *SHARED_TABLES) and name not in (*DAMPING_OF_CABLES, *LISTS_OF_LINKS)
     return is_shared or table.partition(".")[0] in MAST_TABLES
 
 
@@ -139,10 +139,10 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
     values = {name: value_in(scene, f"{table}.{name}") for name in known if has_value(scene, f"{table}.{name}")}
     checked = check_table(table, values, known)
     tree = {table: checked, "gravity": value_in(scene, "gravity")}
-    if table == "cable":
-        check_cable(tree)
     if table == "chain":
         check_chain(tree)
+    if table in ("cable", "chain") and "mast_height" not in scene:
+        check_cable({name: _table_in(scene, name) for name in ("cable", "chain", "ends", "initial")} | tree)
     if table == "time":
         check_time(tree)
     if table == "damping":
@@ -152,6 +152,11 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
             if variable_name(f"{cable}.diameter") not in scene:
                 raise SceneError(f"{cable}.diameter: missing; allowed: a diameter [m], on which the ice grows")
     return {f"{table}.{name}": value for name, value in checked.items()}
+
+
+def _table_in(scene: xr.Dataset, table: str) -> dict[str, Any]:
+    """Return the values that a scene has of the keys of a table."""
+    return {name: value_in(scene, f"{table}.{name}") for name in TABLES[table] if has_value(scene, f"{table}.{name}")}
 
 
 def _cables_of(scene: xr.Dataset) -> list[str]:

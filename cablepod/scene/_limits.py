@@ -61,7 +61,7 @@ def _check_statics(p: Parameters) -> None:
         if p.length_key == "sag":
             _check_sag(p)
         raise SceneError(
-            f"cable.{p.stiffness_key}: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
+            f"{p.stiffness_path}: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
             f"{p.length_value:g} is strained by {strain:.3g}; allowed: a strain of at most {MAX_STRAIN:g} (moduli are in "
             "Pa, areas in m2, stiffnesses in N)"
         )
@@ -118,7 +118,7 @@ def _check_loads(p: Parameters, length: float) -> None:
     of these loads, and all of them if the other point is a free end.
     """
     time = p.sampling_times()
-    forces = {f"cable.{p.stiffness_key}": np.tile(p.weight * length, (time.size, 1))}
+    forces = {p.stiffness_path: np.tile(p.weight * length, (time.size, 1))}
     if p.load is not None:
         forces["load.uniform"] = _force_at(time, p.load * length, p.load_factor)
     distributed = sum(forces.values())

@@ -43,6 +43,8 @@ MAST_TABLES = ("mast", "cables", "guy")
 ALLOWED = (*TOP, *MAST_TABLES, *(name for name in SHARED_TABLES if "." not in name), "ensemble")
 #: Keys of [damping] that guys lack.
 DAMPING_OF_CABLES = ("link_viscosity", "tension_proportional")
+#: Keys of chains whose links or particles differ from each other.
+LISTS_OF_LINKS = ("link_lengths", "masses", "stiffness")
 #: Distance from the axis below which an anchor lies on it, over the height.
 ON_AXIS = 1e-9
 
@@ -82,8 +84,9 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
                 f"damping.{name}", tree["damping"][name], "none for guys of a mast; try: damping.mass_proportional"
             )
     check_damping(tree.get("damping", {}))
-    if "link_lengths" in tree.get("chain", {}):
-        raise scene_error("chain.link_lengths", tree["chain"]["link_lengths"], "chain.links, equal links")
+    for name in LISTS_OF_LINKS:
+        if name in tree.get("chain", {}):
+            raise scene_error(f"chain.{name}", tree["chain"][name], "chain.links, equal links")
     check_chain(tree)
     check_time(tree)
     tree["cables"] = _check_cables(mapping.get("cables", {}), tree, folder)

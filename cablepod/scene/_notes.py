@@ -170,9 +170,11 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     gravity = math.hypot(*p.weight) / p.mass
     if gravity > 0.0:
         yield from _outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
-    yield from _outside(f"cable.{p.weight_key}", "a density", numbers.density, DENSITY, "kg/m3")
-    yield from _outside(f"cable.{p.stiffness_key}", "a Young's modulus", numbers.modulus, MODULUS, "Pa")
-    if p.area is None:
+    if p.masses is None:
+        yield from _outside(f"cable.{p.weight_key}", "a density", numbers.density, DENSITY, "kg/m3")
+    if p.link_stiffness is None:
+        yield from _outside(p.stiffness_path, "a Young's modulus", numbers.modulus, MODULUS, "Pa")
+    if p.area is None and not p.own_keys:
         what = "an axial stiffness over the mass per length"
         yield from _outside("cable.axial_stiffness", what, p.stiffness / p.mass, STIFFNESS_OVER_MASS, "m2/s2")
     yield from _outside("cable.area", "an area", numbers.area, (0.0, LARGEST_AREA), "m2")
@@ -232,7 +234,8 @@ def likely_keys(p: Parameters) -> list[tuple[str, str]]:
     """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units; of uniform cables."""
     if p.segments or p.attachments:
         return []
-    keys = [*(["area"] if p.area is not None else []), p.stiffness_key, p.weight_key, p.length_key, "ends"]
+    keys = [*(["area"] if p.area is not None else []), *([p.stiffness_key] if p.link_stiffness is None else [])]
+    keys += [*([p.weight_key] if p.masses is None else []), p.length_key, "ends"]
     keys += ["gravity"] if p.weight_key != "specific_weight" else []
     keys += ["motion"] if p.motions else []
     keys += ["load"] if p.load is not None else []

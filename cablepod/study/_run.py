@@ -22,6 +22,7 @@ from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
 from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._particles import refuse_own
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._notes import warn_once
 from cablepod.study._figures import check_backend, write_figures
@@ -134,6 +135,7 @@ def run(
             scene, None if out is None else Path(out), overwrite=overwrite, progress=progress, report=report
         )
     p = parameters(scene)
+    refuse_own(p, "chain.simulate, pod.decompose")
     snapshots_at = p.times()  # refuses a scene without [time]
     available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)
     ranks = _checked_ranks(ranks, available)

@@ -35,7 +35,7 @@ MISTAKES = [
     ),
     ("ends.left", [0, 0], r"^ends\.left: unknown key; allowed: lower, upper, chord, inclination, free$"),
     ("time.step", 1.0, r"^time\.step: unknown key; allowed: duration, interval$"),
-    ("chain.elements", 5, r"^chain\.elements: unknown key; allowed: links, link_lengths$"),
+    ("chain.elements", 5, r"^chain\.elements: unknown key; allowed: links, link_lengths, masses, stiffness$"),
     (
         "damping.viscous",
         5.0,
@@ -205,7 +205,7 @@ MISTAKES = [
     ("motion.upper.x.kind", 5, r'^motion\.upper\.x\.kind: given 5; allowed: one of "one_minus_cosine", '),
     ("load", 5, r"^load: given 5; allowed: a table with the keys uniform$"),
     ("time", [], r"^time: given \[\]; allowed: a table with the keys duration, interval$"),
-    ("chain", 40, r"^chain: given 40; allowed: a table with the keys links, link_lengths$"),
+    ("chain", 40, r"^chain: given 40; allowed: a table with the keys links, link_lengths, masses, stiffness$"),
     ("point_load", LOAD, r"^point_load: given \{.*\}; allowed: an array of tables, \[\[point_load\]\]$"),
     ("point_load", [5], r"^point_load\.1: given 5; allowed: a table with the keys arc_length, force$"),
     # loads
