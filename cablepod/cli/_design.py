@@ -45,9 +45,9 @@ OPTIONS = (
     ),
     click.option(
         "--directions",
-        default="8",
         metavar="COUNT|DEG,DEG",
-        help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg] (default 8)",
+        help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg], a single one with a "
+        "comma behind it (default 8; of a planar scene 0,180)",
     ),
     click.option(
         "--speeds",
@@ -94,14 +94,14 @@ def options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def run(
-    *, scene: str, out: str | None, directions: str, speeds: str | None, shares: str | None, reference_range: float | None,
+    *, scene: str, out: str | None, directions: str | None, speeds: str | None, shares: str | None, reference_range: float | None,
     page: str | None, **options: Any,
 ) -> None:  # fmt: skip
     """Run the study of a scene file with the options of the command, and print its tables."""
     path = scene_path(scene)
     folder = Path("out", Path(path).stem + ENDING) if out is None else _arguments.folder(out)
-    angles = _angles(directions)
     dataset = read_scene(path)
+    angles = _angles(directions or ("0,180" if dataset.sizes["coordinate"] == 2 else "8"))
     if "ensemble_json" in dataset.attrs:
         _group.note("the [ensemble] table is left aside; this command varies direction, speed and seed of the wind")
     chosen = None if speeds is None else _listed("--speeds", speeds)
@@ -173,7 +173,7 @@ def text(result: xr.Dataset) -> str:
         lines += ["", "displacement of the mast [m]", *_table(level_rows(result), (
             ("level [m]", "level [m]", "g", 1.0), *_WIND, ("displacement [m]", "peak", ".4f", 1.0), *_bounds("displacement", "m"),
         ))]  # fmt: skip
-        lines += ["", "envelopes of the mast", *_table(_by_spans(result), (
+        lines += ["", "envelopes of the mast: means of the storms' largest values, shear in the middle of elements", *_table(_by_spans(result), (
             ("from [m]", "from [m]", "g", 1.0), ("to [m]", "to [m]", "g", 1.0),
             ("bending moment [N m]", "moment [kN m]", ".4g", 1e-3), ("shear [N]", "shear [kN]", ".4g", 1e-3),
             ("axial force [N]", "axial force [kN]", ".4g", 1e-3), ("least axial force [N]", "least [kN]", ".4g", 1e-3),

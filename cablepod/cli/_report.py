@@ -146,10 +146,11 @@ def answers_text(study: xr.DataTree) -> str:
     chain = study["chain"].to_dataset()
     links, length = chain.sizes["particle"] - 1, float(chain["arc_length"][-1])
     air, windy = found["air"], "sag_still_air" in found
+    stress = f", stress {printed(found['stress'], 'Pa', 4)}" if "stress" in found else ""  # none without an area
     model = "continuous cable" if windy else "exact catenary without point loads"
     lines = [
-        f"at rest      length {printed(found['unstretched_length'], 'm')}, sag {printed(sag, 'm', 3)} "
-        f"({100 * sag / chord:.2g} % of the chord), stress {printed(found['stress'], 'Pa', 4)}",
+        f"at rest      length {printed(found['unstretched_length'], 'm')}, sag {printed(sag, 'm', 3)} normal to the chord "
+        f"({100 * sag / chord:.2g} % of it){stress}",
         f"             tension {printed(found['tension_lower'], 'N')} at the lower end, "
         f"{printed(found['tension_upper'], 'N')} at the upper",
         f"             {model}{f' in {air}' if windy else ''}; the chain of {links} links differs by {100 * change:.2g} %",

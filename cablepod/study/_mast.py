@@ -133,7 +133,7 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
 
     drawings: dict[str, Callable[..., Any]] = {
         "tensions": partial(plots.guy_tensions, results["motion"].assign(anchor=results["rest"]["anchor"])),
-        "moments": partial(plots.bending_moments, results["motion"]),
+        "moments": partial(plots.bending_moments, results["motion"], component=_largest_component(results["motion"])),
         "modes": partial(plots.mast_shapes, results["frequencies"]),
     }
     if "guys" not in results:
@@ -142,3 +142,10 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         draw(ax=figure.subplots())
         write_figure(figure, folder / f"{name}.png", title=str(results["scene"].attrs["title"]))
+
+
+def _largest_component(motion: xr.Dataset) -> str:
+    """Return the direction in which the mast bends most."""
+    moment = motion["bending_moment"]
+    largest = abs(moment).max([dim for dim in moment.dims if dim != "coordinate"])
+    return str(moment["coordinate"].values[int(largest.argmax())])
