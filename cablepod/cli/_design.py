@@ -46,8 +46,8 @@ OPTIONS = (
     click.option(
         "--directions",
         metavar="COUNT|DEG,DEG",
-        help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg], a single one with a "
-        "comma behind it (default 8; of a planar scene 0,180)",
+        help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg], "
+        "a single one with a comma behind it (default 8; of a planar scene 0,180)",
     ),
     click.option(
         "--speeds",
@@ -135,6 +135,10 @@ def run(
         say(written)
 
 
+#: Heading of the envelopes.
+ENVELOPES = "envelopes of the mast: means of the storms' largest values, shear in the middle of elements"
+
+
 def _angles(given: str) -> list[float]:
     """Return the directions of ``--directions`` [rad]."""
     if "," not in given:
@@ -173,7 +177,7 @@ def text(result: xr.Dataset) -> str:
         lines += ["", "displacement of the mast [m]", *_table(level_rows(result), (
             ("level [m]", "level [m]", "g", 1.0), *_WIND, ("displacement [m]", "peak", ".4f", 1.0), *_bounds("displacement", "m"),
         ))]  # fmt: skip
-        lines += ["", "envelopes of the mast: means of the storms' largest values, shear in the middle of elements", *_table(_by_spans(result), (
+        lines += ["", ENVELOPES, *_table(_by_spans(result), (
             ("from [m]", "from [m]", "g", 1.0), ("to [m]", "to [m]", "g", 1.0),
             ("bending moment [N m]", "moment [kN m]", ".4g", 1e-3), ("shear [N]", "shear [kN]", ".4g", 1e-3),
             ("axial force [N]", "axial force [kN]", ".4g", 1e-3), ("least axial force [N]", "least [kN]", ".4g", 1e-3),

@@ -148,4 +148,4 @@ def _largest_component(motion: xr.Dataset) -> str:
     """Return the direction in which the mast bends most."""
     moment = motion["bending_moment"]
     largest = abs(moment).max([dim for dim in moment.dims if dim != "coordinate"])
-    return str(moment["coordinate"].values[int(largest.argmax())])
+    return str(moment["coordinate"].values[int(np.argmax(largest.values))])
