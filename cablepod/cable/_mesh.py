@@ -110,6 +110,10 @@ class SpectralMesh(LumpedChain):
         u = x if velocity is None else np.ascontiguousarray(velocity.T)
         return kernel.forces(x, u, *self.law_arguments, *dampings).T
 
+    @property
+    def own_masses(self) -> None:
+        """None: those of the nodes are not those of the output particles."""
+
     @cached_property
     def law_arguments(self) -> tuple[Any, ...]:
         """Arguments d, weight, scale, stiffness and green of the kernels."""

@@ -107,7 +107,6 @@ def stringing(
         raise scene_error(
             p.point_loads[0].key, "a point load", "none; chain.rest has them, at the temperature of a scene"
         )
-    refuse_nonuniform(p, "catenary.rest, at the temperature of a scene")
     values = _temperatures(temperatures)
     chosen = [scene] if cases is None else [_of_case(scene, name, tables) for name, tables in _named(cases).items()]
     rows = [[_numbers(parameters(each.assign(temperature=value))) for value in values] for each in chosen]
