@@ -25,12 +25,12 @@ class MeshAir(ChainAir):
         from cablepod.cable import _kernels_air as kernel  # numba is imported only to compute
 
         mesh, shape = self.chain, position.shape[::-1]
-        d, weight, scale = mesh.law_arguments[:3]
+        d, weight, scale, _, _, ratios = mesh.law_arguments
         x, u, points = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T), (weight.size, scale.size)
         force = np.empty(shape)
         kernel.drag_forces(
-            x, u, self.velocity, time * self.samples_per_second, self.drag, d, weight, scale, None, np.empty(points),
-            np.empty((shape[0], *points)), force,
+            x, u, self.velocity, time * self.samples_per_second, self.drag, ratios, self.bodies, d, weight, scale, None,
+            np.empty(points), np.empty((shape[0], *points)), force,
         )  # fmt: skip
         result = np.zeros_like(position)
         result[mesh.free_particles] = force.T[mesh.free_particles]

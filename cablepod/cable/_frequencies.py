@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import xarray as xr
 
 from cablepod.batch._members import over_members
 from cablepod.cable._air import MeshAir
+from cablepod.cable._damped import damped_vibrations
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import LAW, element_count, record
@@ -42,7 +44,9 @@ def frequencies(
     law: str = LAW,
     points: Any = None,
 ) -> xr.Dataset:
-    """Compute the lowest frequencies and mode shapes of small undamped vibrations about rest, in the mean wind of the scene.
+    """Compute the lowest frequencies and mode shapes of small vibrations about rest, in the mean wind of the scene.
+
+    Of all damping, only that by dampers attached to the cable is taken into account.
 
     Parameters
     ----------
@@ -66,8 +70,15 @@ def frequencies(
         ``angular_frequency (mode)`` [rad/s] in increasing order, ``mode_shape (mode, particle, coordinate)`` with a mean square
         of 1 over the unstretched length, and ``unstretched_length`` [m].  A planar scene has in-plane modes only.  A spatial
         scene has all modes; ``out_of_plane_share (mode)`` is the fraction of the mean square normal to the plane of chord and
-        load (with the mean drag), if there is one plane.  The attribute ``space_error_estimate`` is the largest relative change
-        of a frequency in the last refinement, ``air`` says in which air the cable is at rest.
+        load (with the mean drag), if there is one plane.
+
+        With dampers, ``angular_frequency`` is abs(lambda) and ``damping_ratio (mode)`` is -Re(lambda) / abs(lambda) of the roots
+        lambda with which vibrations go as exp(lambda t): they oscillate with the angular frequency times sqrt(1 - ratio^2).
+        Their shapes are complex: ``mode_shape`` is the real part and ``mode_shape_imaginary (mode, particle, coordinate)`` the
+        imaginary one, 0 where the shape is largest.  Motions that decay without oscillating are left out.
+
+        The attribute ``space_error_estimate`` is the largest relative change of a frequency, or root, in the last refinement;
+        ``air`` says in which air the cable is at rest.
 
     Raises
     ------
@@ -76,7 +87,8 @@ def frequencies(
 
     Notes
     -----
-    The tangent stiffness in equilibrium is a sum of squares, K = B^T B.  The angular frequencies are therefore the singular
+    Springs to the ground add to the stiffness, masses to the mass; dampers make the eigenvalue problem quadratic.  Without them
+    the tangent stiffness in equilibrium is a sum of squares, K = B^T B.  The angular frequencies are therefore the singular
     values of B M^-1/2 with the diagonal mass matrix M.  The rounding error is 1e-16 of the highest frequency, not of its square,
     so that nearly inextensible cables lose no digits.  Mean wind acts by the tension and shape that its drag gives; the change of
     the drag with the motion, which damps, is left out.
@@ -100,27 +112,29 @@ def frequencies(
             p.free_end,
             "ends that are held, as the vibrations are about the equilibrium between two held ends",
         )
-    mesh, values, vectors, error = converged_vibrations(p, count, elements, order, law, points)
-    shapes = np.zeros((count, mesh.links + 1, p.dims))
-    shapes[:, 1:-1] = vectors.T.reshape(count, -1, p.dims) / np.sqrt(
-        mesh.tributary_length[1:-1, None] / mesh.total_length
-    )
-    flat = shapes.reshape(count, -1)
-    shapes *= np.sign(flat[np.arange(count), np.abs(flat).argmax(axis=1)])[:, None, None]
+    mesh, roots, vectors, error = converged_vibrations(p, count, elements, order, law, points)
+    shapes = _shapes(mesh, vectors)
+    at_particles, dims = mesh.interpolate(shapes), ("mode", "particle", "coordinate")
     variables: dict[str, Any] = {
-        "angular_frequency": ("mode", values),
-        "mode_shape": (("mode", "particle", "coordinate"), mesh.interpolate(shapes)),
+        "angular_frequency": ("mode", np.abs(roots)),
+        "mode_shape": (dims, at_particles.real),
         "unstretched_length": ((), mesh.total_length),
     }
+    # where only some members of an ensemble have dampers, all have the variables
+    if np.iscomplexobj(roots) or any(re.fullmatch(r"attachment_\d+_damper", str(name)) for name in scene):
+        variables["damping_ratio"] = ("mode", np.maximum(-roots.real, 0.0) / np.abs(roots))
+        variables["mode_shape_imaginary"] = (dims, at_particles.imag)
     normal = normal_of_plane(p, mesh)
     if normal is not None:
-        across = np.einsum("mjc,c->mj", shapes, normal) ** 2
+        across = np.abs(np.einsum("mjc,c->mj", shapes, normal)) ** 2
         variables["out_of_plane_share"] = ("mode", across @ mesh.tributary_length / mesh.total_length)
     result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **chain_coordinates(mesh, has_links=False)})
     label(
         result,
         mode=("1", "number of the mode, from 1, by rising frequency"),
         mode_shape=("1", "shape of the vibration, its mean square over the unstretched length 1"),
+        mode_shape_imaginary=("1", "imaginary part of the shape of the vibration"),
+        damping_ratio=("1", "damping ratio of small vibrations about rest, by the attached dampers"),
     )
     result.attrs.update(
         title=f"{scene.attrs.get('title', 'scene')}: small vibrations of the continuous cable{law_suffix(mesh)}",
@@ -145,7 +159,8 @@ def converged_vibrations(
 ) -> tuple[SpectralMesh, np.ndarray, np.ndarray, float]:
     """Refine the mesh until the frequencies converge; return mesh, frequencies, vectors and last relative change.
 
-    With `out_of_plane` the vibrations are those normal to the plane of a planar scene.
+    With dampers the frequencies are the complex roots lambda, and the vectors complex, see :func:`vibrations`.  With
+    `out_of_plane` the vibrations are those normal to the plane of a planar scene.
 
     Raises
     ------
@@ -172,16 +187,19 @@ def converged_vibrations(
             if error <= tolerance:
                 break
     if values is None or values.size < count:
-        raise scene_error(
-            "count", count, f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements"
-        )
+        allowed = f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements"
+        if values is not None and np.iscomplexobj(values):
+            allowed = f"at most {values.size}, the vibrations of {mesh.sizes.size} elements that oscillate"
+        raise scene_error("count", count, allowed)
     return mesh, values, vectors, error
 
 
 def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Compute up to `count` lowest angular frequencies [rad/s] and their mass-normalised vectors (unknowns, count).
+    """Compute up to `count` lowest angular frequencies [rad/s] and vectors (unknowns, count), orthonormal in mass.
 
-    With `out_of_plane` the only unknown of a node is its displacement normal to the plane of a planar scene.
+    With dampers these are the complex roots lambda [1/s] and vectors of :func:`damped_vibrations`.  Vectors are displacements
+    times the root of the mass.  With `out_of_plane` the only unknown of a node is its displacement normal to the plane of a
+    planar scene, to which its dampers and springs are normal.
     """
     from scipy.linalg import svd  # costly to import
 
@@ -213,10 +231,39 @@ def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) ->
     for e, scale in enumerate(mesh.scale):
         points, nodes = slice(e * (order + 1), (e + 1) * (order + 1)), slice(e * order, (e + 1) * order + 1)
         matrix[points, :, nodes] = np.einsum("qcd,qi->qcid", root[points], scale * d)
-    matrix /= np.sqrt(p.mass * mesh.tributary_length)[:, None]
+    matrix /= np.sqrt(mesh.mass)[:, None]
     inner = matrix[:, :, 1:-1].reshape(mesh.length.size * dims, -1)
+    springs, dampers = (
+        np.zeros((0, inner.shape[1])) if out_of_plane else _rows_of(mesh, name) for name in ("spring", "damper")
+    )
+    if len(springs):
+        inner = np.vstack([inner, springs])
     _, values, vectors = svd(inner, full_matrices=False)
+    if len(dampers):
+        return damped_vibrations(values[::-1], vectors[::-1].T, dampers.T, count)
     return values[::-1][:count], vectors[::-1][:count].T
+
+
+def _rows_of(mesh: SpectralMesh, name: str) -> np.ndarray:
+    """Return the rows R (attachments, unknowns) of springs or dampers, whose matrix is R^T R over the roots of the masses."""
+    attached = zip(mesh.attached_particles, mesh.p.attachments, strict=True)
+    held = [(node, item) for node, item in attached if getattr(item, name)]
+    rows = np.zeros((len(held), mesh.links + 1, mesh.p.dims))
+    for row, (node, item) in zip(rows, held, strict=True):
+        row[node] = math.sqrt(getattr(item, name) / mesh.mass[node]) * np.asarray(item.direction)
+    return rows[:, 1:-1].reshape(len(held), (mesh.links - 1) * mesh.p.dims)
+
+
+def _shapes(mesh: SpectralMesh, vectors: np.ndarray) -> np.ndarray:
+    """Return mode shapes (mode, nodes, dims) of vectors (unknowns, mode): mean square 1, largest component real and positive."""
+    count = vectors.shape[1]
+    shapes = np.zeros((count, mesh.links + 1, mesh.p.dims), dtype=vectors.dtype)
+    shapes[:, 1:-1] = vectors.T.reshape(count, -1, mesh.p.dims) / np.sqrt(mesh.mass[1:-1, None])
+    mean_square = square(np.abs(shapes)) @ mesh.tributary_length / mesh.total_length
+    flat = shapes.reshape(count, -1)
+    largest = flat[np.arange(count), np.abs(flat).argmax(axis=1)]
+    factor = np.conj(largest) / (np.abs(largest) * np.sqrt(mean_square))
+    return np.asarray(shapes * factor[:, None, None])
 
 
 def normal_of_plane(p: Parameters, mesh: SpectralMesh) -> np.ndarray | None:

@@ -6,10 +6,11 @@ import math
 
 from cablepod._jit import compiled
 from cablepod.cable._kernels_forces import _gradient
+from cablepod.chain._kernels_attached import body_drag
 
 
 @compiled
-def _nodal_drag(u, g, wind, place, drag, weight, scale, force, tangent):
+def _nodal_drag(u, g, wind, place, drag, ratios, weight, scale, force, tangent):
     """Fill the drag at the nodes: drag w |g| |u_n| u_n, u_n the part of wind less velocity normal to the cable.
 
     Parameters
@@ -22,6 +23,8 @@ def _nodal_drag(u, g, wind, place, drag, weight, scale, force, tangent):
         Velocity of the air at the nodes [m/s], linear between the samples.
     place, drag : float
         Place between the samples; half the density of the air times drag coefficient and diameter [kg/m2].
+    ratios : float array (2, elements) or None
+        Axial stiffness and drag of the elements over those of the cable; None for a uniform cable.
     weight, scale : float arrays (p + 1,), (elements,)
         Quadrature weights, with sum 2; 2 over the unstretched lengths of the elements [1/m].
     force : float array (dims, N)
@@ -55,6 +58,8 @@ def _nodal_drag(u, g, wind, place, drag, weight, scale, force, tangent):
             along /= square
             speed_squared = max(speed_squared - along * along * square, 0.0)
             factor = drag * weight[q] * length * math.sqrt(square * speed_squared)
+            if ratios is not None:
+                factor *= ratios[1, e]
             for c in range(dims):
                 relative = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
                 force[c, j] += factor * (relative - along * g[c, q, e])
@@ -71,11 +76,13 @@ def _nodal_drag(u, g, wind, place, drag, weight, scale, force, tangent):
 
 
 @compiled
-def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, force):
+def drag_forces(x, u, wind, place, drag, ratios, bodies, d, weight, scale, unrolled, nodal, g, force):
     """Fill the drag at the nodes for positions x and velocities u (dims, N); others as in :func:`_nodal_drag`.
 
     Parameters
     ----------
+    bodies : float array (N,) or None
+        See :func:`cablepod.chain._kernels_attached.body_drag`.
     d, unrolled
         As in :func:`cablepod.cable._kernels_explicit.verlet`.
     nodal, g : float arrays (p + 1, elements), (dims, p + 1, elements)
@@ -83,4 +90,6 @@ def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, f
     """
     for c in range(x.shape[0]):
         _gradient(x[c], d, scale, unrolled, nodal, g[c])
-    _nodal_drag(u, g, wind, place, drag, weight, scale, force, None)
+    _nodal_drag(u, g, wind, place, drag, ratios, weight, scale, force, None)
+    if bodies is not None:
+        body_drag(u, wind, place, bodies, force, 0.0, None)

@@ -7,6 +7,7 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.cable._kernels_air import drag_forces
 from cablepod.cable._kernels_forces import _extremes, _nodal_forces
+from cablepod.chain._kernels_attached import BEFORE, DAMPER, DIRECTION, REST, SPRING, STRETCH, velocity_change
 
 
 @compiled
@@ -56,10 +57,35 @@ def _hold_drag(force, first, per_mass, load_increment, is_first, before, increme
 
 
 @compiled
+def _note_attached(x, v, first, particles, numbers):
+    """Keep velocity half a step before and displacement along each direction, before a step."""
+    for k in range(particles.size):
+        j, before, stretch = particles[k], 0.0, 0.0
+        for c in range(x.shape[0]):
+            before += numbers[k, DIRECTION + c] * v[c, j - first]
+            stretch += numbers[k, DIRECTION + c] * (x[c, j] - numbers[k, REST + c])
+        numbers[k, BEFORE], numbers[k, STRETCH] = before, stretch
+
+
+@compiled
+def _apply_attached(v, first, per_mass, particles, numbers):
+    """Add dampers and springs to the velocities half a step after (dims, m)."""
+    for k in range(particles.size):
+        j, after = particles[k] - first, 0.0
+        for c in range(v.shape[0]):
+            after += numbers[k, DIRECTION + c] * v[c, j]
+        pull = numbers[k, SPRING] * numbers[k, STRETCH]
+        change = velocity_change(after, numbers[k, BEFORE], pull, numbers[k, DAMPER], per_mass[j])
+        for c in range(v.shape[0]):
+            v[c, j] += numbers[k, DIRECTION + c] * change
+
+
+@compiled
 def verlet(
-    x, v, first, d, weight, scale, unrolled, stiffness, green, per_mass, load_increment, step, damping_factor, rows, columns,
-    ends, patterns, factors, viscosity, tension_damping, v_before, wind, drag, samples_per_second, hold, drag_before,
-    drag_increment, end_rates, steps, start, save_steps, saved, saved_half, link_element, link_rows, low, high, slack,
+    x, v, first, d, weight, scale, unrolled, stiffness, green, ratios, per_mass, load_increment, step, damping_factor, rows,
+    columns, ends, patterns, factors, viscosity, tension_damping, particles, numbers, v_before, wind, drag, bodies,
+    samples_per_second, hold, drag_before, drag_increment, end_rates, steps, start, save_steps, saved, saved_half,
+    link_element, link_rows, low, high, slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -86,6 +112,8 @@ def verlet(
         Axial stiffness [N].
     green : bool or None
         Not None for law (21), None for the linear law.
+    ratios : float array (2, elements) or None
+        Axial stiffness and drag of the elements over those of the cable; None for a uniform cable.
     per_mass, load_increment : float arrays (m,), (dims, m)
         Step over mass [s/kg], with damping (1 - damping_factor) / (damping mass); velocity increment by constant loads [m/s].
     step : float
@@ -103,10 +131,12 @@ def verlet(
         Viscosity over stiffness [s]; only with the linear law.
     tension_damping : float or None
         Damping by the tension [s], see :func:`cablepod.cable._kernels_forces._add_tension_damping`.
+    particles, numbers : int array (attachments,), float array (attachments, COLUMNS), or None
+        Nodes with dampers and springs to the ground, and their numbers, see :mod:`cablepod.chain._kernels_attached`.
     v_before : float array (dims, m) or None
         Velocities one step before those in `v`; only with these dampings.
-    wind, drag, samples_per_second : float array (samples, dims, N), float, float, or None
-        See :func:`cablepod.cable._kernels_air._nodal_drag`; samples of the wind per second, from the start of the run on.
+    wind, drag, bodies, samples_per_second : float array (samples, dims, N), float, float array (N,), float, or None
+        See :func:`cablepod.cable._kernels_air.drag_forces`; samples of the wind per second, from the start of the run on.
     hold : int
         Number of steps from one evaluation of the drag to the next.
     drag_before, drag_increment : float arrays (dims, m) or None
@@ -144,7 +174,9 @@ def verlet(
         if wind is not None and (start + i) % hold == 0:
             place = (start + i - 0.5) * step * samples_per_second
             _move_back(x, v, first, end_rates, i, step, half_x, half_u)
-            drag_forces(half_x, half_u, wind, place, drag, d, weight, scale, unrolled, nodal, g, air_force)
+            drag_forces(
+                half_x, half_u, wind, place, drag, ratios, bodies, d, weight, scale, unrolled, nodal, g, air_force
+            )
             _hold_drag(air_force, first, per_mass, load_increment, start + i == 0, drag_before, drag_increment)
         if v_before is not None:
             for c in range(dims):
@@ -153,11 +185,13 @@ def verlet(
                     u[c, first + j] = 1.5 * v[c, j] - 0.5 * v_before[c, j]
                     v_before[c, j] = v[c, j]
         _nodal_forces(
-            x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, tension_damping, f, g, g_dot, square,
-            stretching, s, nodal, start + i, slack,
+            x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, ratios, viscosity, tension_damping, f, g, g_dot,
+            square, stretching, s, nodal, start + i, slack,
         )  # fmt: skip
         if low.size > 0:
-            _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, viscosity, low, high)
+            _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
+        if particles is not None:
+            _note_attached(x, v, first, particles, numbers)
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
             saved[save] = x
@@ -167,7 +201,12 @@ def verlet(
             _update_velocity(v[c], f[c, first : first + m], per_mass, increments[c], damping_factor)
             for load in range(patterns.shape[0]):
                 _add_load(v[c], patterns[load, c], factors[i, load], per_mass)
-            _update_position(x[c, first : first + m], v[c], step)
+            if particles is None:
+                _update_position(x[c, first : first + m], v[c], step)
+        if particles is not None:
+            _apply_attached(v, first, per_mass, particles, numbers)
+            for c in range(dims):
+                _update_position(x[c, first : first + m], v[c], step)
         for k in range(rows.size):
             x[rows[k], columns[k]] = ends[k, i + 1]
         if saving:

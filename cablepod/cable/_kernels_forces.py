@@ -80,6 +80,14 @@ def _law(square, stretching, weight, stiffness, green, viscosity, s):
 
 
 @compiled
+def _scale_elements(s, ratio):
+    """Multiply numbers of the points (points, elements) by one number for each element."""
+    for q in range(s.shape[0]):
+        for e in range(s.shape[1]):
+            s[q, e] *= ratio[e]
+
+
+@compiled
 def _add_tension_damping(g, g_dot, s, tension_damping):
     """Add the damping by the tension to g (points, elements): tension_damping times its rate, 0 where the cable is slack."""
     for q in range(g.shape[0]):
@@ -116,8 +124,8 @@ def _record_slack(square, step, slack):
 
 @compiled
 def _nodal_forces(
-    x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, tension_damping, f, g, g_dot, square, stretching,
-    s, nodal, step, slack,
+    x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, ratios, viscosity, tension_damping, f, g, g_dot, square,
+    stretching, s, nodal, step, slack,
 ):  # fmt: skip
     """Fill the internal nodal forces f (dims, N) [N] at positions x; velocities u are used with these dampings only."""
     dims = x.shape[0]
@@ -130,6 +138,8 @@ def _nodal_forces(
         _products(g, g_dot, stretching)
     if _law(square, stretching, weight, stiffness, green, viscosity, s):
         _record_slack(square, step, slack)
+    if ratios is not None:
+        _scale_elements(s, ratios[0])
     if tension_damping is not None:
         for c in range(dims):
             _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
@@ -139,20 +149,20 @@ def _nodal_forces(
 
 
 @compiled
-def forces(x, u, d, weight, scale, stiffness, green, viscosity, tension_damping):
+def forces(x, u, d, weight, scale, stiffness, green, ratios, viscosity, tension_damping):
     """Compute the internal nodal forces (dims, N) [N]; parameters as in ``verlet``, u is used with these dampings only."""
     shape = (weight.size, scale.size)
     f = np.empty_like(x)
     g, g_dot = np.empty((x.shape[0], *shape)), np.empty((x.shape[0], *shape))
     _nodal_forces(
-        x, u, d, np.ascontiguousarray(d.T), weight, scale, None, stiffness, green, viscosity, tension_damping, f, g, g_dot,
-        np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape), 0, np.array([-1.0, 0.0, 0.0, 0.0, 1.0]),
+        x, u, d, np.ascontiguousarray(d.T), weight, scale, None, stiffness, green, ratios, viscosity, tension_damping, f, g,
+        g_dot, np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape), 0, np.array([-1.0, 0.0, 0.0, 0.0, 1.0]),
     )  # fmt: skip
     return f
 
 
 @compiled
-def _extremes(x, u, order, link_element, link_rows, stiffness, green, viscosity, low, high):
+def _extremes(x, u, order, link_element, link_rows, stiffness, green, ratios, viscosity, low, high):
     """Update the extremes of the tensions [N] midway between output particles."""
     dims = x.shape[0]
     for j in range(low.size):
@@ -175,5 +185,7 @@ def _extremes(x, u, order, link_element, link_rows, stiffness, green, viscosity,
             if viscosity is not None:
                 total += viscosity * stiffness * stretching / stretch
             tension = total if tension > 0.0 and total > 0.0 else 0.0
+        if ratios is not None:
+            tension *= ratios[0, link_element[j]]
         low[j] = min(low[j], tension)
         high[j] = max(high[j], tension)

@@ -16,8 +16,10 @@ from cablepod.cable._kernels_forces import (
     _law,
     _products,
     _record_slack,
+    _scale_elements,
     forces,
 )
+from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
 from cablepod.chain._kernels_generalized_alpha import _is_inside
 from cablepod.discretisation._kernels_modal_damping import damping_forces
 
@@ -136,7 +138,7 @@ def _pairs(d):
 
 
 @compiled
-def tangent(x, first, free, d, weight, scale, stiffness, green):
+def tangent(x, first, free, d, weight, scale, stiffness, green, ratios):
     """Compute the tangent stiffness at positions x (dims, N) [N/m], as a band matrix of :func:`_tangent`."""
     dims = x.shape[0]
     shape = (weight.size, scale.size)
@@ -147,13 +149,16 @@ def tangent(x, first, free, d, weight, scale, stiffness, green):
     _products(g, g, square)
     _law(square, square, weight, stiffness, green, None, s)
     _axial_tangent(square, weight, stiffness, green, None, 0.0, s, b)
+    if ratios is not None:
+        _scale_elements(s, ratios[0])
+        _scale_elements(b, ratios[0])
     band = np.zeros((free * dims, weight.size * dims))
     _tangent(g, s, b, _pairs(d), scale, None, first, line, nodal, band)
     return band
 
 
 @compiled
-def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, tolerance):
+def equilibrium(x, first, free, d, weight, scale, stiffness, green, ratios, loads, tolerance):
     """Solve for the equilibrium of a cable by Newton's method from nearby positions.
 
     Parameters
@@ -162,7 +167,7 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
         Positions [m]; overwritten.
     first, free : int
         Number of the first free node, and number of free nodes.
-    d, weight, scale, stiffness, green
+    d, weight, scale, stiffness, green, ratios
         As in :func:`cablepod.cable._kernels_explicit.verlet`.
     loads : float array (dims, free)
         Loads [N].
@@ -179,8 +184,8 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
     right = np.empty(free * dims)
     norm, before = np.inf, np.inf
     for _ in range(MAX_ITERATIONS):
-        f = forces(x, x, d, weight, scale, stiffness, green, None, None)
-        band = tangent(x, first, free, d, weight, scale, stiffness, green)
+        f = forces(x, x, d, weight, scale, stiffness, green, ratios, None, None)
+        band = tangent(x, first, free, d, weight, scale, stiffness, green, ratios)
         for n in range(free):
             for c in range(dims):
                 right[dims * n + c] = f[c, first + n] + loads[c, n]
@@ -201,10 +206,22 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
 
 
 @compiled
+def _add_blocks(own, first, band):
+    """Add symmetric blocks of the nodes (3 or 6, N) [N/m] to the band of the free ones, see :func:`_tangent`."""
+    dims = 2 if own.shape[0] == 3 else 3
+    for j in range(band.shape[0] // dims):
+        row = 0
+        for c in range(dims):
+            for k in range(c, dims):
+                band[dims * j + c, k - c] += own[row, first + j]
+                row += 1
+
+
+@compiled
 def trapezoidal(
-    x, v, a, first, d, weight, scale, unrolled, stiffness, green, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, modal, wind, wind_places, drag, rows, columns, ends, end_rates, step, tolerance, bound, start, steps,
-    save_steps, saved, link_element, link_rows, low, high, slack,
+    x, v, a, first, d, weight, scale, unrolled, stiffness, green, ratios, mass, damping, loads, patterns, factors, viscosity,
+    tension_damping, modal, particles, numbers, wind, wind_places, drag, bodies, rows, columns, ends, end_rates, step,
+    tolerance, bound, start, steps, save_steps, saved, link_element, link_rows, low, high, slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of the trapezoidal rule (average acceleration), each solved by Newton's method.
 
@@ -248,6 +265,7 @@ def trapezoidal(
     height = _column_heights(first, m, weight.size - 1, dims)
     band, right = np.zeros((dims * m, dims * weight.size)), np.zeros(dims * m)
     increment, trial, u = np.zeros((dims, m)), x.copy(), np.zeros(x.shape)
+    own, attached_force = np.zeros((dims * (dims + 1) // 2, last + 1)), np.zeros(x.shape)
     inertia, velocity_factor = 4.0 / (step * step), 2.0 / step
     air_force, air_tangent, s_tangent = np.zeros(x.shape), np.zeros((dims, dims, last + 1)), s
     if tension_damping is not None:
@@ -266,7 +284,7 @@ def trapezoidal(
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
                     u[c, first : first + m] = v[c]
-            _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, viscosity, low, high)
+            _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
         for c in range(dims):
             for j in range(m):
                 increment[c, j] = step * (v[c, j] + 0.5 * step * a[c, j])
@@ -287,15 +305,22 @@ def trapezoidal(
                     _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
                 _products(g, g_dot, stretching)
             if wind is not None:
-                _nodal_drag(u, g, wind, wind_places[i + 1], drag, weight, scale, air_force, air_tangent)
+                _nodal_drag(u, g, wind, wind_places[i + 1], drag, ratios, weight, scale, air_force, air_tangent)
             below = _law(square, stretching, weight, stiffness, green, viscosity, s)
             _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b)
+            if ratios is not None:
+                _scale_elements(s, ratios[0])
+                _scale_elements(b, ratios[0])
             band[:] = 0.0
             if modal.matrix.size > 0:
                 for row in range(band.shape[0]):
                     for column in range(band.shape[1]):
                         band[row, column] = modal.stiffness[row, column]
                 damping_forces(modal, u, first, damping_force)
+            if bodies is not None:
+                own[:] = 0.0
+                body_drag(u, wind, wind_places[i + 1], bodies, air_force, velocity_factor, own)
+                _add_blocks(own, first, band)
             if tension_damping is not None:
                 for q in range(weight.size):
                     for e in range(scale.size):
@@ -318,6 +343,15 @@ def trapezoidal(
                     total -= damping * mass[j] * (2.0 * increment[c, j] / step - v[c, j])
                     right[dims * j + c] = total - mass[j] * new
                     band[dims * j + c, 0] += mass[j] * (inertia + damping * velocity_factor + lag)
+            if particles is not None:
+                attached_force[:] = 0.0
+                attached_forces(trial, u, particles, numbers, attached_force)
+                own[:] = 0.0
+                attached_tangent(particles, numbers, 1.0, velocity_factor, own)
+                _add_blocks(own, first, band)
+                for k in range(particles.size):
+                    for c in range(dims):
+                        right[dims * (particles[k] - first) + c] += attached_force[c, particles[k]]
             _solve(band, height, right)
             norm = 0.0
             for c in range(dims):

@@ -17,8 +17,8 @@ from cablepod.discretisation._gll import gll_rule, lagrange_basis
 from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
-from cablepod.parameters._nonuniform import refuse_nonuniform
-from cablepod.parameters._parameters import Parameters, PointLoad
+from cablepod.parameters._nonuniform import SAME_PLACE, attachment_fractions
+from cablepod.parameters._parameters import Parameters, PointLoad, Segment
 from cablepod.parameters._particles import refuse_own
 
 #: Default polynomial order of an element (its eight nodes fill vector registers completely).
@@ -34,8 +34,8 @@ class SpectralMesh(LumpedChain):
     """Spectral-element discretisation of a cable, with the interface of a lumped chain whose particles are the nodes.
 
     ``length`` holds the quadrature weights (elements (order + 1),) [m], element by element; the quadrature points of an element
-    are its nodes.  ``arc_length`` is that of the nodes.  Point loads act on element borders, so that the kink there costs no
-    accuracy.
+    are its nodes.  ``arc_length`` is that of the nodes.  Point loads and attachments are on element borders, and segments end
+    there, so that kinks cost no accuracy.
     """
 
     order: int = ORDER
@@ -57,6 +57,64 @@ class SpectralMesh(LumpedChain):
         """Tributary length of each node (nodes,) [m]."""
         result = np.zeros(self.arc_length.size)
         np.add.at(result, self._nodes, self.length.reshape(-1, self.order + 1))
+        return result
+
+    # --- segments and attachments ---
+
+    @cached_property
+    def segments(self) -> list[Segment]:
+        """Segment of each element; empty for a uniform cable."""
+        if not self.p.segments:
+            return []
+        middle = (self.arc_length[:: self.order][:-1] + 0.5 * self.sizes) / self.total_length
+        return [self.p.segments[i] for i in np.searchsorted([part.end for part in self.p.segments], middle)]
+
+    def largest_of_segments(self, values: np.ndarray) -> list[float]:
+        """Return the largest of values at the quadrature points (points,) in each segment, one for a uniform cable."""
+        if not self.segments:
+            return [float(values.max())]
+        of_elements = values.reshape(-1, self.order + 1).max(axis=1)
+        return [
+            max(float(value) for value, owner in zip(of_elements, self.segments, strict=True) if owner is part)
+            for part in self.p.segments
+        ]
+
+    @cached_property
+    def ratios(self) -> np.ndarray | None:
+        """Axial stiffness and drag of the elements over those of the cable (2, elements); None for a uniform cable."""
+        if not self.segments:
+            return None
+        drag = (self.p.drag_coefficient or 0.0) * (self.p.diameter or 0.0)
+        of_elements = np.array([part.drag_coefficient * (part.diameter or 0.0) for part in self.segments])
+        stiffness = np.array([part.stiffness for part in self.segments])
+        return np.array([stiffness / self.p.stiffness, of_elements / drag if drag else np.ones(stiffness.size)])
+
+    @cached_property
+    def element_stiffness(self) -> np.ndarray:
+        """Axial stiffness K of the elements (elements,) [N]."""
+        return np.full(self.sizes.size, self.p.stiffness) * (1.0 if self.ratios is None else self.ratios[0])
+
+    @cached_property
+    def axial_stiffness(self) -> float | np.ndarray:
+        """Axial stiffness K at the quadrature points [N]: one number for a uniform cable, or (points,)."""
+        return self.p.stiffness if self.ratios is None else np.repeat(self.element_stiffness, self.order + 1)
+
+    def _of_particles(self, name: str) -> np.ndarray:
+        """Return mass or weight of the nodes with what is attached (nodes, ...)."""
+        if self.segments:
+            of_elements = np.array([getattr(part, name) for part in self.segments])
+            columns = [self._sum_at_nodes(column) for column in of_elements.reshape(self.sizes.size, -1).T]
+            result = np.stack(columns, axis=1).reshape(-1, *of_elements.shape[1:])
+        else:
+            result = np.multiply.outer(self.tributary_length, np.asarray(getattr(self.p, name)))
+        for node, item in zip(self.attached_particles, self.p.attachments, strict=True):
+            result[node] += getattr(item, name)
+        return result
+
+    def _sum_at_nodes(self, per_length: np.ndarray) -> np.ndarray:
+        """Sum at the nodes (nodes,) what elements (elements,) have per length."""
+        result = np.zeros(self.arc_length.size)
+        np.add.at(result, self._nodes, per_length[:, None] * self.length.reshape(-1, self.order + 1))
         return result
 
     @cached_property
@@ -96,10 +154,10 @@ class SpectralMesh(LumpedChain):
 
     def moduli(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the secant modulus T / xi and the tangent modulus dT/dxi [N] of a taut cable."""
-        k = self.p.stiffness
+        k = self.axial_stiffness
         if self.green:
             return 0.5 * k * (stretch - 1.0) * (stretch + 1.0), k * (1.5 * stretch**2 - 0.5)
-        return k * (stretch - 1.0) / stretch, np.full(stretch.shape, k)
+        return k * (stretch - 1.0) / stretch, k + np.zeros(stretch.shape)
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Compute the internal nodal forces (nodes, dims) [N]."""
@@ -110,11 +168,15 @@ class SpectralMesh(LumpedChain):
         u = x if velocity is None else np.ascontiguousarray(velocity.T)
         return kernel.forces(x, u, *self.law_arguments, *dampings).T
 
+    @property
+    def own_masses(self) -> None:
+        """None: those of the nodes are not those of the output particles."""
+
     @cached_property
     def law_arguments(self) -> tuple[Any, ...]:
-        """Arguments d, weight, scale, stiffness and green of the kernels."""
+        """Arguments d, weight, scale, stiffness, green and ratios of the kernels."""
         _, weight, d = gll_rule(self.order)
-        return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None
+        return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None, self.ratios
 
     @cached_property
     def unrolled(self) -> tuple[float, ...] | None:
@@ -128,17 +190,17 @@ class SpectralMesh(LumpedChain):
         element, rows = self.link_rows
         nodes = self._nodes[element]
         g = np.einsum("ji,...jic->...jc", rows, position[..., nodes, :])
-        squares = square(g)
+        squares, stiffness = square(g), self.p.stiffness if self.ratios is None else self.element_stiffness[element]
         if self.green:
-            s = green_secant(squares, self.p.stiffness)
+            s = green_secant(squares, stiffness)
             return s * np.sqrt(squares), s[..., None] * g
         stretch = np.sqrt(squares)
         with np.errstate(divide="ignore", invalid="ignore"):
-            s = self.p.stiffness * (1.0 - 1.0 / stretch)
+            s = stiffness * (1.0 - 1.0 / stretch)
             total = s
             if velocity is not None and self.p.link_viscosity is not None:
                 g_dot = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
-                total = s + self.p.link_viscosity * self.p.stiffness * np.sum(g * g_dot, axis=-1) / squares
+                total = s + self.p.link_viscosity * stiffness * np.sum(g * g_dot, axis=-1) / squares
         s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
         return s * stretch, s[..., None] * g
 
@@ -179,17 +241,27 @@ class SpectralMesh(LumpedChain):
     def highest_frequency(self, ratio: np.ndarray | float = 1.0) -> float:
         """Compute an upper bound of the angular frequencies [rad/s] for given ratios of tangent stiffness to K.
 
-        The stiffness is largest along the cable.  The highest frequency of the straight cable in axial motion is therefore a
-        bound for every shape.
+        The stiffness is largest along the cable.  The highest frequency of the straight cable in axial motion, with springs along
+        it, is therefore a bound for every shape.
         """
+        springs = np.zeros(self.arc_length.size)
+        springs[self.attached_particles] = [item.spring for item in self.p.attachments]
+        return self._axial_frequency_at(-1, ratio, springs)
+
+    def first_axial_frequency(self) -> float:
+        """Compute the lowest angular frequency of the straight cable in axial motion by the linear law [rad/s]."""
+        return self._axial_frequency_at(0, 1.0, np.zeros(self.arc_length.size))
+
+    def _axial_frequency_at(self, place: int, ratio: np.ndarray | float, springs: np.ndarray) -> float:
+        """Compute the lowest (place 0) or highest (-1) axial angular frequency [rad/s], with springs at nodes (nodes,) [N/m]."""
         from scipy.linalg import eig_banded  # costly to import
 
         first, last = self.free_particles.start, self.free_particles.stop
         count, order = self.links + 1, self.order
         _, weight, d = gll_rule(order)
         stiff = np.broadcast_to(np.asarray(ratio, dtype=float), self.length.shape).reshape(-1, order + 1)
-        blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.p.stiffness * self.scale)
-        mass = 1.0 / np.sqrt(self.p.mass * self.tributary_length)
+        blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.element_stiffness * self.scale)
+        mass = 1.0 / np.sqrt(self.mass)
         band = np.zeros((order + 1, count))
         for i in range(order + 1):
             below = np.arange(order + 1 - i)
@@ -198,13 +270,14 @@ class SpectralMesh(LumpedChain):
             band[i, nodes[:, :order]] = entries[:, :order]
             if i == 0:  # the last node of an element is the first of the next
                 band[0, nodes[:, order]] += entries[:, order]
+        band[0] += springs * mass**2
         band = band[:, first:last]
         unknowns = band.shape[1]
-        last_only = (unknowns - 1, unknowns - 1)
-        largest = eig_banded(
-            band[: min(order + 1, unknowns)], lower=True, eigvals_only=True, select="i", select_range=last_only
+        only = place % unknowns
+        square_of = eig_banded(
+            band[: min(order + 1, unknowns)], lower=True, eigvals_only=True, select="i", select_range=(only, only)
         )
-        return math.sqrt(float(largest[0]))
+        return math.sqrt(float(square_of[0]))
 
 
 def mesh_of(
@@ -222,16 +295,15 @@ def mesh_of(
     Raises
     ------
     SceneError
-        For fewer elements than parts between point loads, or invalid points.
+        For fewer elements than parts between point loads, attachments and ends of segments, or invalid points.
     """
-    refuse_nonuniform(p, "chain.simulate")
     order = check_order(order)
     refuse_own(p, "chain.simulate, chain.rest")
     total = unstretched_length(p)
     borders = part_borders(p)
     if elements < borders.size - 1:
         raise scene_error(
-            "elements", elements, f"at least {borders.size - 1}, so that every point load is on an element border"
+            "elements", elements, f"at least {borders.size - 1}, so that every {_on_borders(p)} is on an element border"
         )
     check_memory(1, elements * order, p.dims, key="elements")
     length = np.diff(borders)
@@ -251,9 +323,21 @@ def mesh_of(
 
 
 def part_borders(p: Parameters) -> np.ndarray:
-    """Return the borders of the parts between point loads, as fractions of the unstretched length."""
-    inner = {load.fraction for load in p.point_loads if 0.0 < load.fraction < 1.0}
-    return np.array(sorted({0.0, 1.0} | inner))
+    """Return the borders of the parts between point loads, attachments and ends of segments, as fractions of the length."""
+    inner = [load.fraction for load in p.point_loads] + [segment.end for segment in p.segments]
+    if p.attachments:
+        inner += attachment_fractions(p, unstretched_length(p)).tolist()
+    borders = [0.0]
+    for place in sorted(inner):
+        if borders[-1] + SAME_PLACE < place < 1.0 - SAME_PLACE:
+            borders.append(place)
+    return np.array([*borders, 1.0])
+
+
+def _on_borders(p: Parameters) -> str:
+    """Return what stands on element borders, for messages."""
+    others = (["attachment"] if p.attachments else []) + (["end of a segment"] if p.segments else [])
+    return " and ".join((["point load"] if p.point_loads or not others else []) + others)
 
 
 def check_order(order: Any) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.chain._explicit import ExplicitChainRun
@@ -41,6 +42,7 @@ class CableRun(ChainRun):
     """Run of the continuous cable, common to both schemes."""
 
     chain: SpectralMesh
+    air: MeshAir | None
 
     @property
     def remedy(self) -> str:
@@ -106,7 +108,7 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         instants = self.instants(steps_per_second)
         total = int(instants.steps[-1]) + 1
         step = 1.0 / steps_per_second
-        mass = p.mass * mesh.tributary_length[free]
+        mass = mesh.mass[free]
         damping_factor, per_mass = 1.0, step / mass
         if p.mass_damping is not None:
             damping_factor = math.exp(-p.mass_damping * step)
@@ -117,11 +119,12 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         # so that the predicted velocity 1.5 v - 0.5 v_before is zero at the start
         v_before = 3.0 * v if p.link_viscosity is not None or p.tension_damping is not None else None
         needs_rates = v_before is not None or self.air is not None
+        attached = (None, None) if self.attached is None else (self.attached.particles, self.attached.numbers)
         load_increment = np.ascontiguousarray((per_mass[:, None] * mesh.loads()[free]).T)
-        wind: tuple[Any, ...] = None, None, 0.0, 1, None, None
+        wind: tuple[Any, ...] = None, None, None, 0.0, 1, None, None
         if self.air is not None:
             hold = self.air.hold(float(mesh.tensions_and_forces(self.initial)[0].max()), step, float(self.times[-1]))
-            air = self.air.velocity, self.air.drag, self.air.samples_per_second
+            air = self.air.velocity, self.air.drag, self.air.bodies, self.air.samples_per_second
             wind = *air, hold, np.zeros_like(v), np.zeros_like(v)
         varying = mesh.time_dependent_loads()
         patterns = np.array([pattern[free].T for pattern, _ in varying]).reshape(len(varying), *v.shape)
@@ -129,7 +132,7 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         half_step_rates = np.empty((instants.steps.size if self.wants_velocity(instants) else 0, 2, *v.shape))
         extremes = self.extremes()
         low, high = extremes or (np.empty(0), np.empty(0))
-        d, weight, scale, stiffness, green = mesh.law_arguments
+        d, weight, scale, stiffness, green, ratios = mesh.law_arguments
         element, rows = mesh.link_rows
         slack, bound, end_places = np.array(NO_SLACK), self.divergence_bound, self.end_places()
 
@@ -137,15 +140,15 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
             first, last = np.searchsorted(instants.steps, (start, start + steps))
             time = np.arange(start, start + steps + 1) / steps_per_second
             kernel.verlet(
-                x, v, free.start, d, weight, scale, mesh.unrolled, stiffness, green, per_mass, load_increment, step,
+                x, v, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios, per_mass, load_increment, step,
                 damping_factor, *end_places, p.end_coordinates_at_steps(start, steps, steps_per_second), patterns,
-                _factors(varying, time), p.link_viscosity, p.tension_damping, v_before, *wind,
+                _factors(varying, time), p.link_viscosity, p.tension_damping, *attached, v_before, *wind,
                 p.end_positions(time, 1) if needs_rates else None, steps, start, instants.steps[first:last],
                 saved[first:last], half_step_rates[first:last], element, rows, low, high, slack,
             )  # fmt: skip
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
-        state = (x, v, slack, *(() if v_before is None else (v_before,)), *(() if self.air is None else wind[4:]))
+        state = (x, v, slack, *(() if v_before is None else (v_before,)), *(() if self.air is None else wind[5:]))
         watch = None if extremes is None else self.watch_of(steps_per_second, total, low, high)
         failed_step = advance_in_blocks(advance, state, total, self.progress, watch)
         if failed_step is not None:
@@ -183,7 +186,12 @@ class ImplicitCableRun(CableRun, ImplicitChainRun):
         mesh = replace(mesh, p=replace(p, initial={}))
         x = np.ascontiguousarray(solve_equilibrium(mesh, catenary_nodes(mesh))[0].T)
         band = kernel.tangent(x, 1, mesh.links - 1, *mesh.law_arguments)
-        mass = np.repeat(p.mass * mesh.tributary_length[1:-1], p.dims)
+        for node, item in zip(mesh.attached_particles, p.attachments, strict=True):
+            if item.spring and item.direction is not None:
+                matrix = item.spring * np.outer(item.direction, item.direction)
+                for c, column in enumerate(range(p.dims * (node - 1), p.dims * node)):
+                    band[column, : p.dims - c] += matrix[c, c:]
+        mass = np.repeat(mesh.mass[1:-1], p.dims)
         return NodalDamping.of(p, _dense(band), mass, mesh.arc_length / mesh.total_length, band)
 
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
@@ -227,7 +235,7 @@ class _CableStepper(ImplicitStepper):
 
         run, mesh, p = self.run, self.run.chain, self.run.chain.p
         low, high = self.extremes or (np.empty(0), np.empty(0))
-        d, weight, scale, stiffness, green = mesh.law_arguments
+        d, weight, scale, stiffness, green, ratios = mesh.law_arguments
         rows, columns = run.end_places()
         ends = p.end_positions(time)
         end_table = np.array([ends[:, -1 if column else 0, row] for row, column in zip(rows, columns, strict=True)])
@@ -239,15 +247,16 @@ class _CableStepper(ImplicitStepper):
         v, a, loads = (np.ascontiguousarray(nodal[:, free]) for nodal in (self.v, self.a, self.loads))
         patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
         air = run.air
-        wind: tuple[Any, ...] = None, None, None
+        wind: tuple[Any, ...] = None, None, None, None
         if air is not None:
-            wind = air.velocity, time * air.samples_per_second, air.drag
+            wind = air.velocity, time * air.samples_per_second, air.drag, air.bodies
         needs_rates = p.link_viscosity is not None or p.tension_damping is not None or air is not None
-        needs_rates = needs_rates or p.damping_ratios is not None
+        needs_rates = needs_rates or p.damping_ratios is not None or run.attached is not None
+        attached = (None, None) if run.attached is None else (run.attached.particles, run.attached.numbers)
         done, iterations = kernel.trapezoidal(
-            self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green,
+            self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios,
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
-            _factors(self.varying, time), p.link_viscosity, p.tension_damping, self.modal, *wind, rows, columns,
+            _factors(self.varying, time), p.link_viscosity, p.tension_damping, self.modal, *attached, *wind, rows, columns,
             end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
             max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound,
             start, steps, save, saved, self.element, self.rows, low, high, self.slack,

@@ -16,7 +16,7 @@ from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, space_error_of
-from cablepod.cable._start import converged_equilibrium, start
+from cablepod.cable._start import attached_forces, converged_equilibrium, start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.discretisation._modal_damping import implicit_scheme
@@ -47,6 +47,8 @@ def rest(
     scene: xr.Dataset, *, elements: int | None = None, order: int | None = None, law: str = LAW, points: Any = None
 ) -> xr.Dataset:
     """Compute the equilibrium of the continuous cable under all loads of the scene at time 0, in its mean wind.
+
+    Its elements end at ends of segments and at attachments, whose weight and drag act.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ def rest(
     mesh, position, error = converged_equilibrium(p, counts, EQUILIBRIUM_RTOL, order, law, points)
     stretch = mesh.stretch(position)
     ends = stretch[[0, -1]]
-    tension = law_tension(ends, p.stiffness, green=mesh.green)
+    tension = law_tension(ends, mesh.element_stiffness[[0, -1]], green=mesh.green)
     scalars = {
         "unstretched_length": mesh.total_length,
         "stretched_length": float(mesh.length @ stretch),
@@ -184,7 +186,7 @@ def simulate(
         A scene, with or without ``member``.  Its chain table only sets the default of `points`.
     elements
         Number of elements.  By default it is raised until two runs agree within `tolerance`, up to 128, or to twice the number of
-        parts between more than 95 point loads.
+        parts between more than 95 point loads, attachments and ends of segments.
     order
         Polynomial order of the elements, 7 by default, at most 16.
     times
@@ -250,7 +252,8 @@ def simulate(
     -----
     The equation of motion is mu r'' = (T r'/xi)' + p, with the energy K (xi^2 - 1)^2 / 8 per unstretched length for law (21).
     The GLL points are nodes and quadrature points.  For smooth motion the error at the nodes is of order p + 2 in the element
-    length for polynomial order p (2 for p = 1), and of order 2 in the step.  A cable that goes slack has corners and, by the
+    length for polynomial order p (2 for p = 1), and of order 2 in the step.  A damper to the ground is solved for at its node
+    in both schemes, so that it does not limit the step.  A cable that goes slack has corners and, by the
     linear law, no stiffness there, so that the order is lower.
     """
     check_law(law)
@@ -279,9 +282,15 @@ def simulate(
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
         air = None if cable_air is None else MeshAir(mesh, cable_air)
-        arguments = (mesh, instants, start(mesh, air), request.outputs, request.progress, title)
+        initial = start(mesh, air)
+        arguments = (mesh, instants, initial, request.outputs, request.progress, title)
+        options: dict[str, Any] = {
+            "window": request.window,
+            "air": air,
+            "attached": attached_forces(mesh, initial, air),
+        }
         pair = zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)
-        return {name: run(*arguments, window=request.window, air=air) for name, run in pair}
+        return {name: run(*arguments, **options) for name, run in pair}
 
     first_runs = runs(element_count(elements, p))
     explicit = first_runs[SCHEMES[0]]

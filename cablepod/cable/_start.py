@@ -9,11 +9,15 @@ import numpy as np
 
 from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, mesh_of, part_borders
+from cablepod.catenary._piecewise import is_piecewise
+from cablepod.catenary._statics import length_and_strain, piecewise_statics
 from cablepod.chain import _start as chain_start
 from cablepod.chain._air import ChainAir
+from cablepod.chain._attached import AttachedForces
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._laws import LAWS
 from cablepod.errors import SceneError
+from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import CableAir, mean_air_of
 
@@ -67,8 +71,17 @@ def catenary_nodes(mesh: SpectralMesh, arc_length: np.ndarray | None = None, air
     """Integrate the shape of the continuous cable in equilibrium, or with the initial length of its scene.
 
     Returns positions (nodes, dims) [m] at the nodes, or at given arc lengths [m], which must include the nodes.  In wind, given
-    by `air`, they are of second order in the distance of Gauss's points.
+    by `air`, they are of second order in the distance of Gauss's points.  Of a cable of several segments, or with masses on it,
+    they are those by the linear law in still air, from which Newton's method starts.
     """
+    if is_piecewise(mesh.p):
+        places = mesh.arc_length if arc_length is None else arc_length
+        at_rest = replace(mesh.p, initial={})
+        position = (
+            at_rest.initial_ends[0] + piecewise_statics(at_rest, "unstretched_length", mesh.total_length).at(places)[0]
+        )
+        position[-1] = at_rest.initial_ends[1]
+        return position
     coarse = mesh.arc_length if arc_length is None else arc_length
     for intervals in REFINEMENTS:
         fine = np.interp(np.arange((coarse.size - 1) * intervals + 1) / intervals, np.arange(coarse.size), coarse)
@@ -126,8 +139,15 @@ def equilibrium_in_wind(mesh: SpectralMesh, air: MeshAir) -> np.ndarray:
 def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
     """Solve for the equilibrium of the nodes (nodes, dims), with its largest distance from the continuous cable [m].
 
-    The distance is taken at the nodes and midway between them.
+    The distance is taken at the nodes and midway between them.  By law (21) that of a cable of several pieces is the distance of
+    its nodes from the shape in twice as many elements.
     """
+    if mesh.green and is_piecewise(mesh.p):
+        finer = mesh_of(mesh.p, 2 * mesh.sizes.size, mesh.order, mesh.law)
+        (position, _), (exact, converged) = (solve_equilibrium(of, catenary_nodes(of)) for of in (mesh, finer))
+        if not converged:  # what is left is the difference of the laws, 3/2 strain^2 in the stretch
+            return position, 1.5 * float(mesh.stretch(position).max() - 1.0) ** 2 * mesh.total_length
+        return position, float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
     nodes_and_middles = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
     exact = catenary_nodes(mesh, nodes_and_middles)
     position, _ = solve_equilibrium(mesh, exact[::2])
@@ -185,10 +205,58 @@ def check_that_drag_settles(p: Parameters, air: CableAir) -> None:
     catenary_nodes(mesh_of(replace(p, initial={}), max(SETTLING_ELEMENTS, part_borders(p).size - 1)), air=air)
 
 
+def attached_forces(mesh: SpectralMesh, initial: np.ndarray, air: MeshAir | None) -> AttachedForces | None:
+    """Return the dampers and springs of a cable; None without.
+
+    Parameters
+    ----------
+    mesh
+        The elements.
+    initial
+        Positions at the start (nodes, dims) [m], at rest unless the scene has a table ``[initial]``.
+    air
+        Drag, in which the springs have no force at rest.
+    """
+    p = mesh.p
+    has_spring = any(attachment.spring for attachment in p.attachments)
+    rest = start(replace(mesh, p=replace(p, initial={})), air) if has_spring and p.initial else initial
+    return AttachedForces.of(mesh, rest)
+
+
+def _with_initial_length(mesh: SpectralMesh) -> SpectralMesh:
+    """Return the elements of a cable that is as long as its scene's table ``initial`` says, without this table."""
+    p = mesh.p
+    ((key, value),) = p.initial.items()
+    length = length_and_strain(p, key, float(value), prefix="initial")[0]
+    factor = length / mesh.total_length
+    fractions = attachment_fractions(p, mesh.total_length)
+    p = replace(
+        p,
+        attachments=tuple(
+            replace(item, place_key="arc_length", place=float(place))
+            for place, item in zip(fractions, p.attachments, strict=True)
+        ),
+        initial={},
+        length_key="unstretched_length",
+        length_value=length,
+    )
+    return replace(
+        mesh,
+        p=p,
+        length=factor * mesh.length,
+        arc_length=factor * mesh.arc_length,
+        sizes=factor * mesh.sizes,
+        places=None,
+    )
+
+
 def start(mesh: SpectralMesh, air: MeshAir | None = None) -> np.ndarray:
     """Return the initial positions (nodes, dims) [m]: equilibrium, or the shape given in the scene's table ``initial``."""
     p = mesh.p
     if "points" not in p.initial:
+        if is_piecewise(p) and p.initial:
+            mesh = _with_initial_length(mesh)
+            air, p = None if air is None else MeshAir(mesh, air.air), mesh.p
         if air is not None and not p.initial:
             return equilibrium_in_wind(mesh, air)
         shape = catenary_nodes(mesh, air=None if air is None else air.air)

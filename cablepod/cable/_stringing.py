@@ -18,15 +18,14 @@ from numpy.typing import ArrayLike
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.cable._frequencies import converged_vibrations
-from cablepod.cable._summary import rest_in_wind
-from cablepod.catenary._sag import sag_of
+from cablepod.cable._summary import largest_tensions, rest_in_wind, utilisation
+from cablepod.catenary._sag import sag_of_scene
 from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.conventions import STILL_AIR, label
 from cablepod.errors import SceneError, named, scene_error
 from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ICE, TOP, check_table
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.scene._completed import completed
@@ -78,8 +77,8 @@ def stringing(
     Raises
     ------
     SceneError
-        For a scene without thermal expansion, with members, segments, attachments, a free end or point loads; temperatures that
-        are no different numbers, cases that are no such tables, and a cable without rest.
+        For a scene without thermal expansion, with members, a free end or point loads, temperatures that are no different
+        numbers, cases that are no such tables, and a cable without rest.
 
     Notes
     -----
@@ -102,12 +101,10 @@ def stringing(
     refuse_own(p, "chain.rest")
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "ends that are held, between which the cable is at rest")
-    refuse_nonuniform(p, "catenary.rest of a scene with a temperature")
     if p.point_loads:
         raise scene_error(
             p.point_loads[0].key, "a point load", "none; chain.rest has them, at the temperature of a scene"
         )
-    refuse_nonuniform(p, "catenary.rest, at the temperature of a scene")
     values = _temperatures(temperatures)
     chosen = [scene] if cases is None else [_of_case(scene, name, tables) for name, tables in _named(cases).items()]
     rows = [[_numbers(parameters(each.assign(temperature=value))) for value in values] for each in chosen]
@@ -185,18 +182,19 @@ def _numbers(p: Parameters) -> dict[str, Any]:
     p = p if p.wind is None else replace(p, wind={**p.wind, "ramp": 0.0})
     statics, plane = solve_statics(p, p.length_key, p.length_value), load_plane(p)
     length, _, force, middle, lower, upper = (float(number) for number in statics)
-    sag = sag_of(plane[:4], p.stiffness, statics.tolist())
+    sag = sag_of_scene(p, statics)
     found = {"tension_lower": lower, "tension_upper": upper, "horizontal_force": force, "sag": sag}
-    largest = max(lower, upper)
+    if p.breaking_strength is not None:
+        used = utilisation(p, largest_tensions(p, max(lower, upper)))
     if air_at_rest(p) != STILL_AIR:
         rest = rest_in_wind(p, length, sag * float(plane.span / plane.chord))
         found = {name: rest[name if name != "sag" else "sag_below_chord"] for name in found}
-        largest = rest["strain"] * p.stiffness
+        used = rest.get("utilisation", math.nan)
     found["unstretched_length"] = length
     if p.breaking_strength is not None:
-        found["utilisation"] = largest / p.breaking_strength
+        found["utilisation"] = used
     omega = np.full(FREQUENCIES, math.nan)
     if force > 0.0 or abs(middle) > 0.5 * plane.load * length:  # not folded along the load
         with suppress(SceneError):  # not taut
-            omega = converged_vibrations(p, FREQUENCIES, law="linear")[1]
+            omega = np.abs(converged_vibrations(p, FREQUENCIES, law="linear")[1])
     return {**found, "angular_frequency": omega, "frequency": omega / (2.0 * math.pi)}

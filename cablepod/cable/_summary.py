@@ -12,19 +12,20 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.cable._frequencies import converged_vibrations, normal_of_plane
+from cablepod.cable._mesh import mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import element_count
 from cablepod.cable._start import converged_equilibrium
-from cablepod.catenary._sag import sag_of
-from cablepod.catenary._statics import load_plane
+from cablepod.catenary._sag import sag_of_scene
+from cablepod.catenary._statics import load_plane, piecewise_statics
 from cablepod.chain._summary import numbers_at_rest, numbers_of_chain
 from cablepod.conventions import AIR_OF_EACH, ENDINGS_OF_AIR, STILL_AIR, label, names_in_air
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._similarity import features
 from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._nonuniform import refuse_nonuniform
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._nonuniform import SAME_PLACE
+from cablepod.parameters._parameters import Parameters, Segment
 from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
 from cablepod.wind._profile import air_at_rest
 
@@ -32,6 +33,7 @@ from cablepod.wind._profile import air_at_rest
 FREQUENCIES = 3
 #: Names of the frequencies.
 PLANES = ("angular_frequency_in_plane", "angular_frequency_out_of_plane")
+RATIOS = ("damping_ratio_in_plane", "damping_ratio_out_of_plane")
 #: Points of the shape in the wind, and tolerance of this shape: this part of the sag in still air (the profile of the wind misses
 #: 3e-5 of the deflection), at least this part of the length.
 POINTS, SAG_RTOL, SHAPE_RTOL = 401, 1e-5, 1e-8
@@ -67,6 +69,8 @@ NUMBERS = {
 FREQUENCY_NUMBERS = {
     "angular_frequency_in_plane": ("rad s-1", "angular frequency of vibrations in the plane of chord and load"),
     "angular_frequency_out_of_plane": ("rad s-1", "angular frequency of vibrations out of this plane"),
+    "damping_ratio_in_plane": ("1", "damping ratio of these vibrations in the plane, by attached dampers"),
+    "damping_ratio_out_of_plane": ("1", "damping ratio of these vibrations out of the plane, by attached dampers"),
     "first_axial_frequency": ("rad s-1", "first angular frequency of vibrations along the cable, taken as straight"),
 }
 
@@ -89,7 +93,8 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         an area only; ``irvine_parameter``, ``load_over_weight``, ``motion_over_chord``; where given
         ``breaking_strength`` [N] and ``utilisation``.  ``angular_frequency_in_plane``, ``angular_frequency_out_of_plane (mode)``
         and ``first_axial_frequency`` [rad/s], the same in Hz as ``frequency_in_plane``, ``frequency_out_of_plane (mode)`` and
-        ``first_axial_frequency_hertz``.  ``note`` is a text with a line for each note, the worst first; empty for a usual scene.
+        ``first_axial_frequency_hertz``; with attached dampers ``damping_ratio_in_plane``, ``damping_ratio_out_of_plane (mode)``.
+        ``note`` is a text with a line for each note, the worst first; empty for a usual scene.
         Rest is in the mean wind of the scene, with ``wind.ramp`` in the still air from which the wind rises; the attribute
         ``air`` says which.  Where the scene has wind, the numbers in still air and in its mean wind stand side by side, with the
         endings ``_still_air`` and ``_mean_wind`` (nan where a cable with a ramp finds no rest in the full wind).
@@ -112,6 +117,10 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     (q_n L0 / T)^2 EA / T with the load per length q_n normal to the chord (drag included) and the mean tension T of both ends.
     Loads (without drag) and motions are bounds of their absolute values during the run.  The thresholds of the notes are
     constants of ``cablepod.scene._notes``, each with its reason.
+
+    Of a cable of several segments weight, mass, density and stiffness are means over the length, also in lambda squared; stress,
+    strain and utilisation are those of the segment where they are largest.  The weight of attachments acts at rest; it is not
+    in lambda squared and not among the loads.  The first axial frequency is then that of the straight cable with its masses.
 
     Examples
     --------
@@ -156,7 +165,6 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
 def _numbers_of_member(p: Parameters) -> dict[str, Any]:
     """Return the numbers of one scene by name."""
-    refuse_nonuniform(p, "catenary.rest and chain.rest")
     numbers = static_numbers(p)
     reach, weight = np.subtract(*p.initial_ends[::-1]), math.hypot(*p.weight)
     result = {
@@ -168,7 +176,7 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
         "unstretched_length": numbers.length,
         "load_over_weight": numbers.load / (weight * numbers.length) if weight > 0.0 else math.nan,
         "motion_over_chord": numbers.motion / numbers.chord,
-        "first_axial_frequency": math.pi / numbers.length * math.sqrt(p.stiffness / p.mass),
+        "first_axial_frequency": _first_axial_frequency(p, numbers.length),
     }
     if p.own_keys:
         result |= numbers_of_chain(p)
@@ -198,27 +206,38 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
     return result | {"note": "\n".join(notes)}
 
 
-def _at_rest(p: Parameters, chord: float, largest_tension: float, sag: float, **others: float) -> dict[str, Any]:
-    """Return the numbers of a shape at rest by name, for the largest tension [N], the sag [m] and what is known of it.
+def _at_rest(p: Parameters, chord: float, tensions: list[float], sag: float, **others: float) -> dict[str, Any]:
+    """Return the numbers of a shape at rest by name.
 
-    A stress needs an area.
+    They follow from the largest tension in each segment [N], one for a uniform cable, the sag [m] and what is known of it.  A
+    stress needs an area.
     """
+    segments: tuple[Parameters | Segment, ...] = p.segments or (p,)
+    parts = list(zip(tensions, segments, strict=True))
+    stresses = [tension / part.area for tension, part in parts if part.area is not None]
     result = {
         **others,
-        **({} if p.area is None else {"stress": largest_tension / p.area}),
-        "strain": others.get("strain", largest_tension / p.stiffness),
-        LARGEST: largest_tension,
+        **({"stress": max(stresses)} if stresses else {}),
+        "strain": others.get("strain", max(tension / part.stiffness for tension, part in parts)),
+        LARGEST: max(tensions),
         "sag": sag,
         "sag_over_chord": sag / chord,
     }
-    return result if p.breaking_strength is None else result | {"utilisation": largest_tension / p.breaking_strength}
+    return result if p.breaking_strength is None else result | {"utilisation": utilisation(p, tensions)}
+
+
+def utilisation(p: Parameters, tensions: list[float]) -> float:
+    """Return the largest of the tensions of segments [N] over their breaking strengths, of those that have one."""
+    segments: tuple[Parameters | Segment, ...] = p.segments or (p,)
+    parts = zip(tensions, segments, strict=True)
+    return float(max(tension / part.breaking_strength for tension, part in parts if part.breaking_strength is not None))
 
 
 def _of_chain(p: Parameters) -> dict[str, Any]:
     """Return the numbers as :func:`_in_still_air` of a chain with masses or stiffnesses of its own, at rest in its air."""
     numbers, *frequencies = numbers_at_rest(p, FREQUENCIES)
     largest, sag = numbers.pop(LARGEST), numbers.pop("sag")
-    return _at_rest(p, math.dist(*p.initial_ends), largest, sag, **numbers) | dict(
+    return _at_rest(p, math.dist(*p.initial_ends), [largest], sag, **numbers) | dict(
         zip(PLANES, frequencies, strict=True)
     )
 
@@ -228,17 +247,48 @@ def _in_still_air(p: Parameters, numbers: StaticNumbers) -> dict[str, Any]:
     length, stretched, horizontal, _, lower, upper = (float(number) for number in numbers.statics)
     irvine = float(features(p, length, 0.0, 0.5 * (lower + upper))[0])
     plane = load_plane(p)
-    below = sag_of(plane[:4], p.stiffness, numbers.statics.tolist())
+    below = sag_of_scene(p, numbers.statics)
     result = _at_rest(
-        p, numbers.chord, numbers.tension, below * float(plane.span / plane.chord), stretched_length=stretched,
-        tension_lower=lower, tension_upper=upper, horizontal_force=horizontal, irvine_parameter=irvine, sag_below_chord=below,
+        p, numbers.chord, largest_tensions(p, numbers.tension), below * float(plane.span / plane.chord),
+        stretched_length=stretched, tension_lower=lower, tension_upper=upper, horizontal_force=horizontal,
+        irvine_parameter=irvine, sag_below_chord=below,
     )  # fmt: skip
-    return result | dict(zip(PLANES, _frequencies(p, length), strict=True))
+    return result | _named(p, _frequencies(p, length))
+
+
+def _named(p: Parameters, frequencies: tuple[np.ndarray, np.ndarray]) -> dict[str, Any]:
+    """Return by name the frequencies in the plane and out of it [rad/s], with dampers complex roots [1/s]."""
+    result = dict(zip(PLANES, map(np.abs, frequencies), strict=True))
+    if any(attachment.damper for attachment in p.attachments):
+        for name, roots in zip(RATIOS, frequencies, strict=True):
+            # without dampers in a plane its numbers are the frequencies
+            result[name] = np.maximum(-roots.real, 0.0) / np.abs(roots) if np.iscomplexobj(roots) else 0.0 * roots
+    return result
+
+
+def largest_tensions(p: Parameters, largest: float) -> list[float]:
+    """Return the largest tension at rest in still air in each segment [N], which is at an end of it; `largest` of all."""
+    if not p.segments:
+        return [largest]
+    solved = piecewise_statics(p, p.length_key, p.length_value)
+    above = [part.start + (SAME_PLACE if part.start else 0.0) for part in p.segments]  # of a mass at its lower end
+    places = [solved.total * np.array([start, part.end]) for start, part in zip(above, p.segments, strict=True)]
+    return [float(np.sqrt(square(solved.at(place)[1])).max()) for place in places]
+
+
+def _first_axial_frequency(p: Parameters, length: float) -> float:
+    """Return the first angular frequency of vibrations along the cable, taken as straight [rad/s].
+
+    That of a uniform cable is between held ends, that of several parts with a free end where the scene has one.
+    """
+    if p.segments or p.attachments:
+        return mesh_of(p, element_count(None, p), law="linear").first_axial_frequency()
+    return math.pi / length * math.sqrt(p.stiffness / p.mass)
 
 
 def _in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     """Return the numbers as :func:`_in_still_air` about rest in the mean wind; `sag` is that in still air [m]."""
-    return rest_in_wind(p, length, sag) | dict(zip(PLANES, _frequencies_in_wind(p), strict=True))
+    return rest_in_wind(p, length, sag) | _named(p, _frequencies_of_any(p))
 
 
 def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
@@ -251,13 +301,14 @@ def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     tolerance = max(SHAPE_RTOL, SAG_RTOL * sag / length)
     mesh, position, _ = converged_equilibrium(p, counts, tolerance, None, "linear", POINTS)
     stretch, gradient = mesh.stretch(position), mesh.gradient(position)
-    tension = p.stiffness * (stretch - 1.0)
+    tension = mesh.axial_stiffness * (stretch - 1.0)
     ends = (tension / stretch)[[0, -1], None] * gradient[[0, -1]]  # forces [N]
     reach = upper - lower
     chord = float(np.linalg.norm(reach))
     along, total = reach / chord, ends[0] - ends[1]
     normal_to_load = ends[0] - (ends[0] @ total) / max(float(total @ total), 1e-300) * total
     points = [load.force * (1.0 if load.factor is None else float(load.factor(0.0))) for load in p.point_loads]
+    points += [attachment.weight for attachment in p.attachments]
     distributed = (total - sum(points)) / length
     transverse = distributed - (distributed @ along) * along
     mean = max(0.5 * float(tension[0] + tension[-1]), 1e-12 * p.stiffness)
@@ -266,7 +317,7 @@ def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     across = reach - (reach @ down) * down
     share = (off @ across) / max(float(across @ across), 1e-300)  # of the chord above each point
     return _at_rest(
-        p, chord, float(tension.max()), float(np.sqrt(square(off - (off @ along)[:, None] * along)).max()),
+        p, chord, mesh.largest_of_segments(tension), float(np.sqrt(square(off - (off @ along)[:, None] * along)).max()),
         stretched_length=float(mesh.length @ stretch), tension_lower=float(tension[0]), tension_upper=float(tension[-1]),
         horizontal_force=float(np.linalg.norm(normal_to_load)),
         irvine_parameter=(float(np.linalg.norm(transverse)) * length / mean) ** 2 * p.stiffness / mean,
@@ -274,8 +325,11 @@ def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     )  # fmt: skip
 
 
-def _frequencies_in_wind(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first angular frequencies as :func:`_frequencies`, about rest in the mean wind [rad/s]."""
+def _frequencies_of_any(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first angular frequencies as :func:`_frequencies`, also in the mean wind and of several parts [rad/s].
+
+    With dampers they are the complex roots of :func:`cablepod.cable._frequencies.vibrations` [1/s].
+    """
     none = np.full(FREQUENCIES, math.nan)
     if p.free_end is not None:
         return none, none
@@ -294,7 +348,7 @@ def _frequencies_in_wind(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
         along = p.upper - p.lower
         normal = np.cross(along, np.eye(3)[np.abs(along).argmin()])
         normal /= np.linalg.norm(normal)
-    share = ((vectors.T.reshape(values.size, -1, 3) @ normal) ** 2).sum(axis=1)
+    share = (np.abs(vectors.T.reshape(values.size, -1, 3) @ normal) ** 2).sum(axis=1)
     within, across = (np.concatenate([values[chosen], none])[:FREQUENCIES] for chosen in (share < 0.5, share >= 0.5))
     return within, across
 
@@ -303,6 +357,9 @@ def _frequencies(p: Parameters, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the first angular frequencies in the plane of chord and load and out of it [rad/s], nan where there are none."""
     if p.free_end is not None:
         return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
+    if p.segments or p.attachments:
+        key = "unstretched_length"
+        return _frequencies_of_any(replace(p, wind=None, turbulence=None, length_key=key, length_value=length))
     planar = _in_plane(p, length)
     try:
         within = converged_vibrations(planar, FREQUENCIES, law="linear", out_of_plane=False)[1]

@@ -95,8 +95,13 @@ class ChainAir:
     def energy_bound(self, position: np.ndarray) -> float:
         """Return the work of the largest drag over the reach of the cable [J]."""
         reach = self.chain.total_length + float(np.abs(position[-1] - position[0]).sum())
+        return self.largest_force * reach
+
+    @property
+    def largest_force(self) -> float:
+        """Largest drag on the whole cable and its bodies [N]."""
         area = self.drag * self.chain.total_length + (0.0 if self.bodies is None else float(self.bodies.sum()))
-        return area * self.air.largest_speed**2 * reach
+        return area * self.air.largest_speed**2
 
     def rate(self, end_time: float) -> float:
         """Return a bound of the rate at which drag takes away a motion along the wind in a run until an instant [s] [1/s]."""
@@ -124,7 +129,7 @@ class ChainAir:
         """
         chain, p = self.chain, self.chain.p
         mass = chain.mass[1:-1].min()
-        tension = max(tension, TENSION_MARGIN * tension_by_drag(p, self.air, tension, chain.total_length))
+        tension = max(tension, TENSION_MARGIN * tension_by_drag(p, tension, self.largest_force))
         omega = 2.0 * math.sqrt(max(tension, 1e-300) / (chain.length.min() * mass))
         times = HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate(end_time))
         return max(1, min(self.max_hold, int(min(times) / step)))

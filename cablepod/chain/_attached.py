@@ -22,6 +22,32 @@ class AttachedForces:
     particles: np.ndarray  #: (attachments,)
     numbers: np.ndarray  #: (attachments, COLUMNS), see :mod:`cablepod.chain._kernels_attached`
 
+    @classmethod
+    def of(cls, chain: LumpedChain, rest: np.ndarray) -> AttachedForces | None:
+        """Return the dampers and springs of a chain, without force at `rest` (n + 1, dims) [m]; None without any."""
+        from cablepod.chain import _kernels_attached as kernel
+
+        p = chain.p
+        acting = [k for k, attachment in enumerate(p.attachments) if attachment.damper or attachment.spring]
+        if not acting:
+            return None
+        particles = chain.attached_particles[acting]
+        numbers = np.zeros((len(acting), kernel.COLUMNS))
+        for row, particle, attachment in zip(numbers, particles, (p.attachments[k] for k in acting), strict=True):
+            row[kernel.DIRECTION : kernel.DIRECTION + p.dims] = attachment.direction
+            row[kernel.REST : kernel.REST + p.dims] = rest[particle]
+            row[kernel.DAMPER], row[kernel.SPRING] = attachment.damper, attachment.spring
+        return cls(chain, particles, numbers)
+
+    def energy(self, position: np.ndarray) -> float:
+        """Return the energy of the springs [J] at positions (n + 1, dims) [m]."""
+        from cablepod.chain import _kernels_attached as kernel
+
+        axes = np.arange(self.chain.p.dims)
+        moved = position[self.particles] - self.numbers[:, kernel.REST + axes]
+        along = (moved * self.numbers[:, kernel.DIRECTION + axes]).sum(axis=1)
+        return 0.5 * float(self.numbers[:, kernel.SPRING] @ along**2)
+
     def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return their forces on all particles (n + 1, dims) [N]."""
         from cablepod.chain import _kernels_attached as kernel  # numba is imported only to compute
@@ -54,18 +80,6 @@ def attached_forces(chain: LumpedChain, initial: np.ndarray, air: ChainAir | Non
     air
         Drag, in which the springs have no force at rest.
     """
-    from cablepod.chain import _kernels_attached as kernel
-
     p = chain.p
-    acting = [k for k, attachment in enumerate(p.attachments) if attachment.damper or attachment.spring]
-    if not acting:
-        return None
     has_spring = any(attachment.spring for attachment in p.attachments)
-    rest = rest_shape(chain, air)[0] if has_spring and p.initial else initial
-    particles = chain.attached_particles[acting]
-    numbers = np.zeros((len(acting), kernel.COLUMNS))
-    for row, particle, attachment in zip(numbers, particles, (p.attachments[k] for k in acting), strict=True):
-        row[kernel.DIRECTION : kernel.DIRECTION + p.dims] = attachment.direction
-        row[kernel.REST : kernel.REST + p.dims] = rest[particle]
-        row[kernel.DAMPER], row[kernel.SPRING] = attachment.damper, attachment.spring
-    return AttachedForces(chain, particles, numbers)
+    return AttachedForces.of(chain, rest_shape(chain, air)[0] if has_spring and p.initial else initial)

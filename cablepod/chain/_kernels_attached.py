@@ -28,19 +28,31 @@ def note_attached(s, particles, numbers):
 
 
 @compiled(inline="always")
-def apply_attached(s, particles, numbers, step):
-    """Add dampers and springs to the velocities half a step after, and to the positions of the next step.
+def velocity_change(after, before, pull, damper, per_mass):
+    """Return the change of a velocity along an attachment in a step, by the pull of its spring and by its damper.
 
-    Along its direction, a damper c on a mass m changes the velocity by a = c step / 2 m times minus the sum of the velocities
-    before and after.
+    A damper c on a mass m changes the velocity by a = c step / 2 m times minus the sum of the velocities before and after.
+
+    Parameters
+    ----------
+    after, before : float
+        Velocities half a step after, without the attachment, and before [m/s].
+    pull, damper, per_mass : float
+        Force of the spring against the direction [N]; damper [N s/m]; step over mass [s/kg].
     """
+    a = 0.5 * damper * per_mass
+    return (after - pull * per_mass - a * before) / (1.0 + a) - after
+
+
+@compiled(inline="always")
+def apply_attached(s, particles, numbers, step):
+    """Add dampers and springs to the velocities half a step after, and to the positions of the next step."""
     for m in range(particles.size):
         j, after = particles[m], 0.0
         for c in range(3):
             after += numbers[m, DIRECTION + c] * s[VX + c, j]
-        free = after - numbers[m, SPRING] * s[PER_MASS, j] * numbers[m, STRETCH]
-        a = 0.5 * numbers[m, DAMPER] * s[PER_MASS, j]
-        change = (free - a * numbers[m, BEFORE]) / (1.0 + a) - after
+        pull = numbers[m, SPRING] * numbers[m, STRETCH]
+        change = velocity_change(after, numbers[m, BEFORE], pull, numbers[m, DAMPER], s[PER_MASS, j])
         for c in range(3):
             s[VX + c, j] += numbers[m, DIRECTION + c] * change
             s[X + c, j] += step * (numbers[m, DIRECTION + c] * change)

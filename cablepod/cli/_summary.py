@@ -59,6 +59,10 @@ def table(summary: xr.Dataset) -> str:
             hertz, omega = ("  ".join(map(digits, values)) for values in known)
             found = f"{hertz} Hz  ({omega} rad/s){state and f' in {state}'}" if hertz else "none"
             lines.append(f"  {text:<32}{found}")
+        for key, state in _states(summary, f"damping_ratio_{plane}"):
+            if key in summary and not summary[key].isnull().all():
+                ratios = "  ".join(digits(round(100.0 * value, 9)) for value in summary[key].values)
+                lines.append(f"  {'their damping ratios':<32}{ratios} %{state and f' in {state}'}")
     hertz, omega = (digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")
     notes = [line for line in str(summary["note"].values).split("\n") if line]

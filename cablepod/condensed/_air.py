@@ -205,7 +205,9 @@ class CondensedAir:
     def hold(self, chord_tension: float, step: float) -> int:
         """Return the number of steps [s] from one evaluation of the drag to the next, for a chord tension [N] at the start."""
         chain = self.model.chain
-        by_drag = tension_by_drag(chain.p, self.air, chord_tension, chain.total_length)
+        by_drag = tension_by_drag(
+            chain.p, chord_tension, self.air.drag * self.air.largest_speed**2 * chain.total_length
+        )
         tension = max(chord_tension, TENSION_MARGIN * by_drag, 1e-300)
         omega = math.sqrt(tension * float(self.model.slope_norms_squared.max()))
         longest = min(HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate))

@@ -92,6 +92,13 @@ class LumpedChain:
         return p.masses + ice * self.tributary_length
 
     @property
+    def own_masses(self) -> np.ndarray | None:
+        """Masses of the particles of a result (n + 1,) [kg]; None where they are in proportion to their tributary lengths."""
+        p = self.p
+        has_own = p.masses is not None or p.segments or any(attachment.mass for attachment in p.attachments)
+        return self.mass if has_own else None
+
+    @property
     def _weights(self) -> np.ndarray:
         """Weights of the particles (n + 1, dims) [N]."""
         if self.p.masses is None:

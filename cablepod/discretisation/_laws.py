@@ -39,7 +39,7 @@ def check_viscous_law(law: str, viscosity: float | None) -> None:
         )
 
 
-def law_tension(stretch: Any, stiffness: float, *, green: bool) -> Any:
+def law_tension(stretch: Any, stiffness: Any, *, green: bool) -> Any:
     """Return the tension [N] at a stretch, negative in compression."""
     if green:
         return 0.5 * stiffness * stretch * (stretch * stretch - 1.0)

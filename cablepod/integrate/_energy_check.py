@@ -24,7 +24,12 @@ POINTS_PER_CHANGE, MAX_POINTS = 16.0, 1_000_000
 
 
 def check_energy(
-    chain: LumpedChain, initial: np.ndarray, run_bound: float, times: np.ndarray, position: np.ndarray
+    chain: LumpedChain,
+    initial: np.ndarray,
+    run_bound: float,
+    times: np.ndarray,
+    position: np.ndarray,
+    held_energy: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare the strain energy of a run with the bounds of the supplied energy.
 
@@ -40,6 +45,8 @@ def check_energy(
         Times of `position` [s].
     position
         Positions (times, n + 1, dims) [m].
+    held_energy
+        Energy of springs to the ground at the start [J].
 
     Returns
     -------
@@ -54,7 +61,8 @@ def check_energy(
     excess = energy / run_bound
     broken, worst = excess > ENERGY_STOP, excess
     if excess.max(initial=0.0) > EXCESS_FLOOR:
-        bound = max_energy_until(chain, initial, times, position) + EXCESS_FLOOR / EXCESS_STOP * run_bound
+        bound = max_energy_until(chain, initial, times, position) + held_energy
+        bound = bound + EXCESS_FLOOR / EXCESS_STOP * run_bound
         broken = broken | (energy > EXCESS_STOP * bound)
         worst = np.maximum(excess, energy / bound)
     return energy, excess, np.where(broken, worst, 0.0)

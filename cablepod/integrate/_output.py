@@ -30,8 +30,8 @@ def chain_coordinates(chain: LumpedChain, *, has_links: bool) -> dict[str, Any]:
     xarray would pair those of the same number in results of different meshes.  Particles with masses of their own have these.
     """
     coords: dict[str, Any] = {"arc_length": ("particle", chain.particles)}
-    if chain.p.masses is not None:
-        coords["particle_mass"] = ("particle", chain.mass)
+    if (masses := chain.own_masses) is not None:
+        coords["particle_mass"] = ("particle", masses)
     if has_links:
         coords["link_arc_length"] = ("link", middles_of(chain.particles))
     return {**coords, "coordinate": np.array(COORDINATES[: chain.p.dims])}

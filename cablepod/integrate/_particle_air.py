@@ -24,6 +24,9 @@ class ParticleForces(Protocol):
     def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return the forces on the particles (n + 1, dims) [N]."""
 
+    def energy(self, position: np.ndarray) -> float:
+        """Return the energy of the springs [J] at positions (n + 1, dims) [m]."""
+
     def add_stiffness(self, matrix: np.ndarray) -> None:
         """Add the springs to the stiffness of the free particles (unknowns, unknowns) [N/m]."""
 

@@ -296,13 +296,23 @@ class ChainRun:
     @cached_property
     def energy_bound(self) -> float:
         """Bound of the energy that can be supplied over the whole run [J]."""
-        return max_energy_of_run(self.chain, self.initial, self.times)
+        return max_energy_of_run(self.chain, self.initial, self.times) + self.held_energy
+
+    @property
+    def held_energy(self) -> float:
+        """Energy of springs to the ground at the start [J]."""
+        return 0.0 if self.attached is None else self.attached.energy(self.initial)
 
     def check_energy(self, state: Trajectory) -> Trajectory:
         """Stop a run with excessive strain energy, see :mod:`cablepod.integrate._energy_check`."""
         if self.air is None:
             energy, excess, broken = check_energy(
-                self.chain, self.initial, self.energy_bound, state.instants.times, state.position
+                self.chain,
+                self.initial,
+                self.energy_bound,
+                state.instants.times,
+                state.position,
+                self.held_energy,
             )
         else:  # the work of the wind until an instant is not bounded
             energy = self.chain.strain_energy(state.position)

@@ -42,11 +42,10 @@ def longest_hold(rate: float) -> float:
     return HOLD_TIMES_RATE / max(rate, 1e-300)
 
 
-def tension_by_drag(p: Parameters, air: CableAir, tension: float, length: float) -> float:
-    """Return the tension [N] of a taut cable with the tension T0 [N] and a length [m] under the largest drag.
+def tension_by_drag(p: Parameters, tension: float, load: float) -> float:
+    """Return the tension [N] of a taut cable with the tension T0 [N] under the largest drag q L [N] on all of it.
 
     A parabola under the load q across the chord: T^2 (T - T0) = EA (q L)^2 / 24; with the force at its ends.
     """
-    load = air.drag * air.largest_speed**2 * length
     roots = np.roots([1.0, -tension, 0.0, -p.stiffness * load**2 / 24.0])
     return float(np.hypot(roots.real.max(), 0.5 * load))

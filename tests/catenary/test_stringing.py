@@ -183,15 +183,6 @@ def test_scenes_without_a_table_are_refused_by_key():
         cp.catenary.stringing(cp.make_scene(bare), [0.0], cases={"storm": {"wind": WIND}})
     with pytest.raises(cp.SceneError, match=r"^point_load\.1: given 'a point load'; allowed: none"):
         cp.catenary.stringing(scene(point_load=[{"arc_length": 0.5, "force": [0.0, -10.0]}]), [0.0])
-    parts = [{"from": 0.0, "to": 0.5}, {"from": 0.5, "mass_per_length": 2.0}]
-    with pytest.raises(
-        cp.SceneError, match=r"^segment: given 2 different parts; allowed: none here; try: catenary\.rest of"
-    ):
-        cp.catenary.stringing(scene(segment=parts), [0.0])
-    with pytest.raises(
-        cp.SceneError, match=r"^attachment\.1: given; allowed: none here; try: catenary\.rest of a scene"
-    ):
-        cp.catenary.stringing(scene(attachment=[{"arc_length": 0.5, "mass": 2.0}]), [0.0])
     with pytest.raises(cp.SceneError, match=r"^ends\.free: given 'upper'; allowed: ends that are held"):
         cp.catenary.stringing(scene(ends={**LEVEL["ends"], "free": "upper"}), [0.0])
     members = cp.ensemble.design(scene(), {"cable.mass_per_length": [1.0, 2.0, 2]})

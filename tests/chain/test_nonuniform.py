@@ -358,3 +358,15 @@ def test_start_from_another_length_keeps_attachments_at_their_particles() -> Non
 def uniform_mass(chain: LumpedChain) -> np.ndarray:
     """Return the masses of the particles without attachments."""
     return replace(chain, p=replace(chain.p, attachments=())).mass
+
+
+def test_modes_by_mass_are_orthonormal_by_the_masses_of_the_particles() -> None:
+    scene = cp.make_scene({**GUY, **THINGS})
+    run = cp.chain.simulate(scene, outputs=("position",))
+    np.testing.assert_array_equal(run.particle_mass, chain_of(parameters(scene)).mass)
+    modes = cp.pod.decompose(run, rank=2, weights="mass", layout="vector").mode_shape.values
+    shares = run.particle_mass.values / run.particle_mass.values.sum()
+    gram = np.einsum("ipc,p,jpc->ij", modes, shares, modes)
+    np.testing.assert_allclose(gram / gram[0, 0], np.eye(2), atol=1e-12)
+    plain = {key: value for key, value in GUY.items()}
+    assert "particle_mass" not in cp.chain.simulate(cp.make_scene(plain), step=1e-4).coords

@@ -42,7 +42,6 @@ CALLS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "condensed.prepare": lambda scene, modes, fields: cp.condensed.prepare(scene, modes),
     "periodic.orbit": lambda scene, modes, fields: cp.periodic.orbit(scene, modes),
     "periodic.backbone": lambda scene, modes, fields: cp.periodic.backbone(scene, modes, amplitude=0.1),
-    "catenary.stringing": lambda scene, modes, fields: cp.catenary.stringing(scene, [0.0, 20.0]),
 }
 
 

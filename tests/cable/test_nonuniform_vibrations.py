@@ -1,0 +1,298 @@
+"""Small vibrations and rest of a cable with segments and attachments, against closed forms of taut strings and statics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import cablepod as cp
+from cablepod.cli._summary import table
+
+#: A weightless taut string: distance of the ends [m], tension [N], mass per stretched length [kg/m], axial stiffness [N].
+LENGTH, TENSION, MASS, STIFFNESS = 100.0, 2e4, 1.0, 2e7
+UNSTRETCHED = LENGTH / (1.0 + TENSION / STIFFNESS)
+SPEED = math.sqrt(TENSION / MASS)
+AREA, DENSITY = 1e-4, MASS * LENGTH / UNSTRETCHED / 1e-4
+#: Forty elements have nodes enough for the first vibrations to be limited by rounding and, with a lumped mass, by its axial
+#: stretch of order T / K; what is asked for is 1e-4.
+RTOL = 1e-6
+TAUT: dict[str, Any] = {
+    "gravity": 0.0,
+    "cable": {"youngs_modulus": STIFFNESS / AREA, "area": AREA, "density": DENSITY, "unstretched_length": UNSTRETCHED},
+    "ends": {"lower": [0.0, 0.0], "upper": [LENGTH, 0.0]},
+}
+#: A guy of two parts with an insulator between them.
+GUY: dict[str, Any] = {
+    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+    "segment": [{"to": 0.35}, {"from": 0.35, "youngs_modulus": 1.1e11, "area": 9e-5, "density": 7000.0}],
+    "attachment": [{"distance_from_lower": 0.5, "mass": 60.0}],
+}
+
+
+def string(spatial: bool = False, **tables: Any) -> Any:
+    """Make the string with further tables."""
+    ends = {end: [*place, 0.0] for end, place in TAUT["ends"].items()} if spatial else TAUT["ends"]
+    return cp.make_scene({**TAUT, "ends": ends, **tables})
+
+
+def damper(place: float, eta: float, direction: Any = "normal") -> dict[str, Any]:
+    """Return an attached damper of eta times sqrt(T m)."""
+    return {"arc_length": place, "damper": eta * math.sqrt(TENSION * MASS), "direction": direction}
+
+
+def roots_between(function: Callable[[float], float], count: int) -> np.ndarray:
+    """Return the first roots of a function of beta l / pi."""
+    grid = np.linspace(0.01, count + 1.5, 3000)
+    values = np.array([function(place) for place in grid])
+    found = [
+        brentq(function, *grid[k : k + 2], xtol=1e-14)
+        for k in np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    ]  # fmt: skip
+    return np.array(found[:count])
+
+
+@pytest.mark.parametrize(("place", "ratio"), [(0.5, 1.0), (0.3, 0.2), (0.05, 5.0)])
+def test_mass_on_a_string(place: float, ratio: float) -> None:
+    def misfit(n: float) -> float:
+        beta = n * math.pi
+        return math.sin(beta) - ratio * beta * math.sin(beta * place) * math.sin(beta * (1.0 - place))
+
+    exact = roots_between(misfit, 3)
+    if place == 0.5:
+        assert exact == pytest.approx([0.5477054, 2.0, 2.1808164], abs=1e-7)
+    attached = {"arc_length": place, "mass": ratio * MASS * LENGTH}
+    found = cp.cable.frequencies(string(attachment=[attached]), count=3, elements=40, law="linear")
+    assert found.angular_frequency.values == pytest.approx(exact * math.pi * SPEED / LENGTH, rel=RTOL)
+    assert "damping_ratio" not in found
+
+
+def test_string_of_two_parts() -> None:
+    place, ratio = 0.3, 4.0
+
+    def misfit(n: float) -> float:
+        first, second = n * math.pi * place, n * math.pi * (1.0 - place) * math.sqrt(ratio)
+        return math.cos(first) * math.sin(second) + math.sqrt(ratio) * math.sin(first) * math.cos(second)
+
+    segments = [{"to": place}, {"density": ratio * DENSITY}]
+    found = cp.cable.frequencies(string(segment=segments), count=5, elements=40, law="linear")
+    exact = roots_between(misfit, 5) * math.pi * SPEED / LENGTH
+    assert found.angular_frequency.values == pytest.approx(exact, rel=RTOL)
+    # elements end where segments do, so that few are as good
+    coarse = cp.cable.frequencies(string(segment=segments), count=5, elements=8, law="linear")
+    assert coarse.angular_frequency.values == pytest.approx(exact, rel=RTOL)
+
+
+def test_spring_on_a_string() -> None:
+    place, spring = 0.2, 500.0
+
+    def misfit(n: float) -> float:
+        beta = n * math.pi
+        pull = spring * LENGTH / TENSION * math.sin(beta * place) * math.sin(beta * (1.0 - place))
+        return beta * math.sin(beta) + pull
+
+    attached = {"arc_length": place, "spring": spring, "direction": [0.0, 1.0]}
+    found = cp.cable.frequencies(string(attachment=[attached]), count=4, law="linear")
+    assert found.angular_frequency.values == pytest.approx(
+        roots_between(misfit, 4) * math.pi * SPEED / LENGTH, rel=RTOL
+    )
+
+
+def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
+    """Return roots beta l of the string with a damper, from those without one by raising it in steps."""
+    roots = math.pi * np.arange(1, count + 1).astype(complex)
+    for value in np.linspace(0.0, eta, 800)[1:]:
+        for _ in range(8):
+            one, two = roots * place, roots * (1.0 - place)
+            misfit = np.sin(roots) + 1j * value * np.sin(one) * np.sin(two)
+            slope = np.cos(roots) + 1j * value * (
+                place * np.cos(one) * np.sin(two) + (1.0 - place) * np.sin(one) * np.cos(two)
+            )
+            roots = roots - misfit / slope
+    return roots
+
+
+@pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.05, 0.3), (0.1, 3.0)])
+def test_damper_on_a_string(place: float, kappa: float) -> None:
+    eta = kappa / (math.pi * place)
+    found = cp.cable.frequencies(string(attachment=[damper(place, eta)]), count=4, elements=40, law="linear")
+    exact = roots_with_damper(place, eta, 4)
+    assert found.angular_frequency.values == pytest.approx(np.abs(exact) * SPEED / LENGTH, rel=RTOL)
+    assert found.damping_ratio.values == pytest.approx(exact.imag / np.abs(exact), rel=RTOL)
+    if (place, kappa) == (0.02, 1.0):
+        assert found.damping_ratio.values[0] == pytest.approx(0.01021147, abs=5e-9)
+    # the shape is a sine of the complex root below the damper
+    shape = (found.mode_shape + 1j * found.mode_shape_imaginary).isel(coordinate=1).values[0]
+    sine = np.sin(exact[0] * found.arc_length.values / UNSTRETCHED)
+    below = slice(1, 1 + int(np.searchsorted(found.arc_length.values, place * UNSTRETCHED, side="right") - 1))
+    above = slice(below.stop, -1)
+    other = np.sin(exact[0] * (1.0 - found.arc_length.values / UNSTRETCHED))
+    for part, values in ((below, sine), (above, other)):
+        ratio = shape[part] / values[part]
+        assert ratio == pytest.approx(np.full(ratio.size, ratio[0]) if ratio.size else ratio, rel=RTOL)
+
+
+def test_damper_at_a_node_of_a_mode_does_nothing_to_it() -> None:
+    found = cp.cable.frequencies(string(attachment=[damper(0.5, 0.3)]), count=4, law="linear")
+    assert found.damping_ratio.values[[1, 3]] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert found.angular_frequency.values[[1, 3]] == pytest.approx(
+        [2.0 * math.pi, 4.0 * math.pi] * np.array(1.0) * SPEED / LENGTH, rel=RTOL
+    )
+    assert (found.damping_ratio.values[[0, 2]] > 0.01).all()
+
+
+def test_dampers_of_both_ends_add_up_where_they_are_weak() -> None:
+    # the ratios of weak dampers are c phi^2 / (2 omega), which add; the rest is of third order in eta a / l
+    one, other = (
+        cp.cable.frequencies(string(attachment=list(set_)), count=3, law="linear")
+        for set_ in ([damper(0.1, 0.01)], [damper(0.7, 0.02)])
+    )
+    both = cp.cable.frequencies(string(attachment=[damper(0.1, 0.01), damper(0.7, 0.02)]), count=3, law="linear")
+    assert both.damping_ratio.values == pytest.approx(one.damping_ratio.values + other.damping_ratio.values, rel=1e-3)
+
+
+def test_damper_across_the_plane_damps_the_vibrations_there() -> None:
+    found = cp.cable.frequencies(
+        string(spatial=True, attachment=[damper(0.05, 3.0, [0.0, 0.0, 2.0])]), count=6, law="linear"
+    )
+    across = np.sqrt((np.abs(found.mode_shape + 1j * found.mode_shape_imaginary) ** 2).mean("particle"))
+    is_across = across.sel(coordinate="z").values > 0.5
+    exact = roots_with_damper(0.05, 3.0, 3)
+    assert found.damping_ratio.values[is_across] == pytest.approx(exact.imag / np.abs(exact), rel=RTOL)
+    assert found.damping_ratio.values[~is_across] == pytest.approx([0.0] * 3, abs=1e-12)
+    assert found.angular_frequency.values[~is_across] == pytest.approx(
+        math.pi * np.arange(1, 4) * SPEED / LENGTH, rel=RTOL
+    )
+
+
+def test_overdamped_motion_is_left_out() -> None:
+    # at the middle the symmetric vibrations of beta l obey cot(beta l / 2) = -i eta / 2; above eta = 2 the first only decays
+    found = cp.cable.frequencies(string(attachment=[damper(0.5, 3.0)]), count=2, law="linear")
+    exact = 2.0 * math.pi + 1j * math.log((3.0 + 2.0) / (3.0 - 2.0))
+    assert found.angular_frequency.values == pytest.approx(
+        np.array([2.0 * math.pi, abs(exact)]) * SPEED / LENGTH, rel=RTOL
+    )
+    assert found.damping_ratio.values == pytest.approx([0.0, exact.imag / abs(exact)], rel=RTOL, abs=1e-12)
+
+
+def test_members_without_a_damper_have_a_ratio_of_zero() -> None:
+    scenes = cp.ensemble.design(
+        string(attachment=[damper(0.05, 1.0)]), {"attachment.1.damper": [0.0, 100.0]}, members=2, sampling="list"
+    )
+    found = cp.cable.frequencies(scenes, count=2, elements=4, law="linear")
+    assert found.damping_ratio.values[0].tolist() == [0.0, 0.0]
+    assert (found.damping_ratio.values[1] > 1e-4).all()
+
+
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_equal_parts_are_one(law: str) -> None:
+    # they differ in a diameter, on which nothing depends in still air
+    parts = [{"to": 0.4, "diameter": 0.01}, {"diameter": 0.02}]
+    one, two = (
+        cp.cable.frequencies(cp.make_scene({**GUY, "attachment": [], "segment": parts_}), count=4, law=law)
+        for parts_ in ([], parts)
+    )
+    assert two.angular_frequency.values == pytest.approx(one.angular_frequency.values, rel=1e-9)
+
+
+def test_rest_by_the_linear_law_is_the_catenary_of_pieces() -> None:
+    for length in ({"top_tension": 15000.0}, {"unstretched_length": 63.0}):
+        cable = {name: value for name, value in GUY["cable"].items() if name != "top_tension"}
+        scene = cp.make_scene({**GUY, "cable": {**cable, **length}})
+        rest, exact = cp.cable.rest(scene, law="linear"), cp.catenary.rest(scene)
+        assert np.abs(rest.position - exact.position).max() < 1e-9 * float(exact.unstretched_length)
+        # tensions by strains have the rounding of positions over the distance of nodes, times EA
+        assert float(rest.tension_upper) == pytest.approx(float(exact.tension_upper), rel=1e-7)
+        assert float(rest.tension_lower) == pytest.approx(float(exact.tension_lower), rel=1e-7)
+
+
+def test_forces_at_rest_by_law_21_balance_in_each_part() -> None:
+    rest = cp.cable.rest(cp.make_scene(GUY), points="nodes", elements=8)
+    assert float(rest.residual) < 1e-9 * 15000.0
+    lower, upper = rest.position.values[[0, -1]]
+    ends = rest.position.values
+    below = (ends[1] - lower) / np.linalg.norm(ends[1] - lower) * float(rest.tension_lower)
+    above = (upper - ends[-2]) / np.linalg.norm(upper - ends[-2]) * float(rest.tension_upper)
+    length = float(rest.unstretched_length)
+    weight = 9.81 * (length * (0.35 * 1.0 + 0.65 * 9e-5 * 7000.0) + 60.0)
+    # directions of chords between nodes near the ends: of first order in their distance, 1e-3 of the weight
+    assert above - below == pytest.approx([0.0, weight], abs=5e-3 * weight)
+
+
+@pytest.mark.parametrize(
+    ("tables", "what"),
+    [
+        ({"attachment": [{"arc_length": 0.1, "mass": 1.0}, {"arc_length": 0.7, "mass": 1.0}]}, "attachment"),
+        ({"segment": [{"to": 0.2}, {"to": 0.6, "area": 2e-4}, {"area": 3e-4}]}, "end of a segment"),
+    ],
+)
+def test_fewer_elements_than_parts_are_refused(tables: dict[str, Any], what: str) -> None:
+    with pytest.raises(cp.SceneError, match=rf"elements: given 2; allowed: at least 3, so that every {what} is on"):
+        cp.cable.frequencies(string(**tables), elements=2)
+
+
+# --- summary ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+def test_summary_has_numbers_of_all_parts(spatial: bool) -> None:
+    attached = [*GUY["attachment"], {"distance_from_upper": 6.0, "damper": 400.0, "direction": "normal"}]
+    ends = {end: [*place, 0.0] if spatial else place for end, place in GUY["ends"].items()}
+    guy = {**GUY, "attachment": attached, "ends": ends}
+    numbers = cp.summary(cp.make_scene(guy))
+    planar = cp.make_scene({**guy, "ends": GUY["ends"]})
+    found = cp.cable.frequencies(planar, count=3, law="linear")
+    assert numbers.angular_frequency_in_plane.values == pytest.approx(found.angular_frequency.values, rel=1e-7)
+    assert numbers.damping_ratio_in_plane.values == pytest.approx(found.damping_ratio.values, rel=1e-6)
+    assert (numbers.damping_ratio_in_plane > 1e-3).all()
+    assert numbers.damping_ratio_out_of_plane.values == pytest.approx([0.0] * 3, abs=1e-12)
+    rest = cp.catenary.rest(planar, points=4001)
+    along = rest.position.values[-1] / np.linalg.norm(rest.position.values[-1])
+    off = np.abs(rest.position.values @ [-along[1], along[0]])
+    assert float(numbers.sag) == pytest.approx(off.max(), rel=1e-5)  # the chord of points cuts its kink
+    lower = rest.arc_length.values < 0.35 * float(rest.unstretched_length)
+    tension = rest.tension.values
+    largest = tension[lower].max(), tension[~lower].max()
+    # the tension at the end of the lower segment is that of the next point to 4000th of its rise
+    assert float(numbers.stress) == pytest.approx(max(largest[0] / 1.25e-4, largest[1] / 9e-5), rel=1e-6)
+    assert float(numbers.strain) == pytest.approx(max(largest[0] / 2e7, largest[1] / (1.1e11 * 9e-5)), rel=1e-6)
+
+
+def test_summary_has_the_first_axial_frequency_of_a_bar_with_a_mass() -> None:
+    numbers = cp.summary(string(attachment=[{"arc_length": 0.5, "mass": MASS * LENGTH}]))
+    speed = math.sqrt(STIFFNESS / (MASS * LENGTH / UNSTRETCHED))
+    assert float(numbers.first_axial_frequency) == pytest.approx(0.5477054 * math.pi * speed / UNSTRETCHED, rel=1e-6)
+
+
+def test_check_prints_damping_ratios() -> None:
+    lines = table(cp.summary(string(attachment=[damper(0.5, 0.2)]))).splitlines()
+    (line,) = (line for line in lines if line.startswith("  their damping ratios") and "0  0  0 %" not in line)
+    first, second, _ = line.split("ratios")[1].rstrip("% ").split()
+    # cot(beta l / 2) = -i eta / 2
+    root = math.pi + 1j * math.log((2.0 + 0.2) / (2.0 - 0.2))
+    assert float(first) == pytest.approx(100.0 * root.imag / abs(root), rel=1e-4)
+    assert float(second) == 0.0
+
+
+def test_stringing_table_has_the_numbers_of_all_parts() -> None:
+    strong = {"breaking_strength": 1e5}
+    parts = [{**GUY["segment"][0], **strong}, {**GUY["segment"][1], "breaking_strength": 2e4}]
+    attached = [*GUY["attachment"], damper(0.9, 1.0)]
+    guy = {**GUY, "segment": parts, "attachment": attached, "cable": {**GUY["cable"], "thermal_expansion": 1.2e-5}}
+    scene = cp.make_scene(guy)
+    stringing = cp.catenary.stringing(scene, [20.0, -10.0])
+    for temperature in (-10.0, 20.0):
+        numbers = cp.summary(cp.make_scene({**guy, "temperature": temperature}))
+        at = stringing.sel(temperature=temperature)
+        for name in ("tension_upper", "tension_lower", "utilisation", "horizontal_force"):
+            assert float(at[name]) == pytest.approx(float(numbers[name]), rel=1e-12)
+        assert float(at.sag) == pytest.approx(float(numbers.sag_below_chord), rel=1e-12)
+    assert float(numbers.utilisation) == pytest.approx(15000.0 / 2e4, rel=1e-12)  # 0.15 of the strong lower part
+    assert stringing.angular_frequency.values[0] == pytest.approx(
+        cp.cable.frequencies(scene, count=stringing.sizes["mode"], law="linear").angular_frequency.values, rel=1e-9
+    )
