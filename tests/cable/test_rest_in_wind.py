@@ -297,7 +297,7 @@ def test_check_prints_both_side_by_side():
     assert lines[0].split() == ["rest", *["mean", "wind", "of", "25", "m/s", "at", "10", "m", "above", "the", "ground"]]
     table = {line[:34].strip(): line[34:].strip() for line in lines if "plane" not in line}
     upper = float(numbers.tension_upper)
-    assert table["tension, upper end"] == f"15000 N in still air, {upper:.5g} N in the mean wind"
+    assert table["tension, upper end"] == f"15 kN in still air, {1e-3 * upper:.5g} kN in the mean wind"
     for plane in ("in_plane", "out_of_plane"):
         found = [line for line in lines if line.startswith(f"  first frequencies {plane.replace('_', ' ')}")]
         for line, ending in zip(found, ("still_air", "mean_wind"), strict=True):
