@@ -169,8 +169,9 @@ class SpectralMesh(LumpedChain):
         return kernel.forces(x, u, *self.law_arguments, *dampings).T
 
     @property
-    def own_masses(self) -> None:
-        """None: those of the nodes are not those of the output particles."""
+    def own_masses(self) -> np.ndarray | None:
+        """Masses of a chain through the output particles (particle,) [kg]; None where they are in proportion to its lengths."""
+        return LumpedChain(self.p, np.diff(self.particles), self.particles, scene_length=self.scene_length).own_masses
 
     @cached_property
     def law_arguments(self) -> tuple[Any, ...]:

@@ -250,3 +250,18 @@ def test_bound_of_the_frequencies_holds_and_is_sharp_along_the_cable(law: str) -
         parameters(cp.make_scene({**tables, "ends": ends, "gravity": 0.0, "attachment": attached[1:]})), 5
     )
     assert bound > 1.01 * without.highest_frequency()
+
+
+def test_results_have_the_masses_of_their_particles() -> None:
+    options: dict[str, Any] = {"elements": 5, "step": 2e-4, "times": [0.0, 0.1, 0.2], "law": "linear"}
+    run = cp.cable.simulate(cp.make_scene(SCENE), points=41, **options)
+    total, mass = float(run.arc_length[-1]), run.particle_mass.values
+    # 45 % of 1 kg/m, the rest of 2.5 kg/m, and a body of 2 kg
+    assert mass.sum() == pytest.approx((0.45 * 1.0 + 0.55 * 2.5) * total + 2.0, rel=1e-12)
+    assert mass @ run.arc_length.values == pytest.approx(
+        (0.45**2 / 2.0 * 1.0 + (1.0 - 0.45**2) / 2.0 * 2.5) * total**2 + 2.0 * 0.3 * total, rel=1e-3
+    )  # ends of segments within a link
+    by_mass, by_length = (cp.pod.decompose(run, rank=2, weights=weights) for weights in ("mass", "length"))
+    assert abs(by_mass.mode_shape - by_length.mode_shape).max() > 1e-3
+    plain = {name: table for name, table in SCENE.items() if name not in ("segment", "attachment")}
+    assert "particle_mass" not in cp.cable.simulate(cp.make_scene(plain), points=41, **options).coords
