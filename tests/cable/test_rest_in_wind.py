@@ -320,11 +320,15 @@ def test_a_run_names_the_air_of_its_rest(ramp):
     text = _report.answers_text(study)
     windy, still = (float(results["summary"][f"tension_upper_{ending}"]) for ending in ("mean_wind", "still_air"))
     rest, air, other = (
-        (still, "still air, from which the wind rises", f"in the mean wind: {windy:.5g} N at the upper end")
+        (still, "still air, from which the wind rises", f"in the mean wind: {1e-3 * windy:.5g} kN at the upper end")
         if ramp
-        else (windy, "mean wind of 25 m/s at 10 m above the ground", f"in still air: {still:.5g} N at the upper end")
+        else (
+            windy,
+            "mean wind of 25 m/s at 10 m above the ground",
+            f"in still air: {1e-3 * still:.5g} kN at the upper end",
+        )
     )
-    assert f"{rest:.5g} N at the upper\n" in text
+    assert f"{1e-3 * rest:.5g} kN at the upper\n" in text
     # 20 links are not the catenary in still air: the difference in the same air is theirs, 0.1 % at most
     assert f"continuous cable in {air}; the chain of 20 links differs by 0.0" in text
     assert other in text

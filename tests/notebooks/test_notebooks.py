@@ -102,18 +102,18 @@ def test_a_notebook_reads_as_an_article(name):
             assert len(rows) <= 16, f"{name}, line {line}: {len(rows)} lines of code"
 
 
-def test_a_failing_cell_fails_and_is_named():
+def test_a_failing_cell_fails_and_is_named(monkeypatch):
     text = "# %% [markdown]\n# words\n\n# %%\nSMALL = 1\n\n# %%\nraise ValueError('no')\n"
     with pytest.raises(ValueError, match="no") as info:
-        run(text, "page.py")
+        run(text, "page.py", monkeypatch)
     assert info.value.__notes__ == ["in the cell of page.py that begins on line 7"]
 
 
-def test_cells_share_names_and_figures_that_cannot_be_drawn_fail():
-    assert run("# %%\na = 1\n# %%\nb = a + 1\n", "page.py")["b"] == 2
+def test_cells_share_names_and_figures_that_cannot_be_drawn_fail(monkeypatch):
+    assert run("# %%\na = 1\n# %%\nb = a + 1\n", "page.py", monkeypatch)["b"] == 2
     text = "# %%\nfrom matplotlib import pyplot as plt\nplt.gca().set_title('$\\\\frac$')\n"
     with pytest.raises(ValueError, match="frac"):
-        run(text, "page.py")
+        run(text, "page.py", monkeypatch)
 
 
 def test_the_list_of_notebooks_is_complete_and_has_no_number():

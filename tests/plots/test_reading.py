@@ -10,8 +10,9 @@ import pytest
 import cablepod.plots
 
 FOLDER = Path(cablepod.plots.__file__).parent
-#: Files that check columns by names of their own: maps, whose variables the caller names, and tables of pipelines.
-OTHERS = ("_maps.py", "_reports.py")
+#: Files that check columns by names of their own: maps, whose variables the caller names, tables of pipelines, and pages, which
+#: show of any result what it has.
+OTHERS = ("_maps.py", "_reports.py", "_page_figures.py", "_page_trust.py")
 
 
 def datasets_of(function: ast.FunctionDef) -> set[str]:
