@@ -133,7 +133,7 @@ def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] =
     Returns
     -------
     xarray.Dataset
-        ``sagging_share (sag, sagging_step, coordinate)``: share of five in the sum of 20 singular values.
+        ``sagging_share (relative_sag, sagging_step, coordinate)``: share of five in the sum of 20 singular values.
     """
     base = scene("example3")
     shares = np.empty((len(sags), len(steps), 2))
@@ -143,12 +143,12 @@ def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] =
             values = pod.decompose(chain.simulate(changed, step=step), rank=SUMMED)["singular_value"].values
             shares[i, j] = values[:, :5].sum(axis=1) / values.sum(axis=1)
     result = xr.Dataset(
-        {"sagging_share": (("sag", "sagging_step", "coordinate"), shares)},
-        coords={"sag": list(sags), "sagging_step": list(steps), "coordinate": ["x", "y"]},
+        {"sagging_share": (("relative_sag", "sagging_step", "coordinate"), shares)},
+        coords={"relative_sag": list(sags), "sagging_step": list(steps), "coordinate": ["x", "y"]},
     )
     label(
         result,
-        sag=("1", "sag of the start over that of equilibrium"),
+        relative_sag=("1", "sag of the start over that of equilibrium"),
         sagging_step=("s", "time step"),
         sagging_share=("1", "share of five in the sum of 20 singular values of Example 3"),
     )
