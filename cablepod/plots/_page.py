@@ -117,7 +117,7 @@ def _datasets(results: Any) -> tuple[dict[str, xr.Dataset], dict[Any, Any]]:
             found = {str(results.name or "result"): results.to_dataset(), **found}
         attributes = dict(results.attrs)
     elif isinstance(results, xr.Dataset):
-        found = {str(results.attrs.get("stage") or "result"): results}
+        found = {str(results.attrs.get("stage", "result")) or "result": results}
         attributes = {}
     elif isinstance(results, Mapping):
         found, attributes = dict(results), {}
@@ -146,8 +146,10 @@ def _checked_texts(key: str, given: Any) -> list[str]:
 
 def _first_title(datasets: Mapping[str, xr.Dataset]) -> str:
     """Return the title of the scene, or of the first result that has one."""
-    by_stage = sorted(datasets.values(), key=lambda dataset: dataset.attrs.get("stage") not in INPUT)
-    return next((str(dataset.attrs["title"]) for dataset in by_stage if dataset.attrs.get("title")), "Results")
+    by_stage = sorted(datasets.values(), key=lambda dataset: str(dataset.attrs.get("stage")) not in INPUT)
+    return next(
+        (title for dataset in by_stage if isinstance(title := dataset.attrs.get("title"), str) and title), "Results"
+    )
 
 
 # --- sections ---------------------------------------------------------------------------------------------------------------
@@ -187,7 +189,7 @@ def _figures(datasets: Mapping[str, xr.Dataset]) -> str:
 
 def _input(datasets: Mapping[str, xr.Dataset]) -> str:
     """Return the keys of the scene, of a Dataset of it or of the history of a result."""
-    scene = next((dataset for dataset in datasets.values() if dataset.attrs.get("stage") in INPUT), None)
+    scene = next((dataset for dataset in datasets.values() if str(dataset.attrs.get("stage")) in INPUT), None)
     table = None
     if scene is not None:
         table = _page_tables.input_of(scene)
@@ -201,7 +203,7 @@ def _input(datasets: Mapping[str, xr.Dataset]) -> str:
 
 def _numbers(datasets: Mapping[str, xr.Dataset]) -> Iterator[str]:
     """Yield the numbers of each result: single ones, tables, and ranges of what is too long for a table."""
-    counted = {name: item for name, item in datasets.items() if item.attrs.get("stage") not in (*INPUT, *SHOWN)}
+    counted = {name: item for name, item in datasets.items() if str(item.attrs.get("stage")) not in (*INPUT, *SHOWN)}
     for name, dataset in _page_tables.once(counted).items():
         found = [_page_tables.scalars_of(dataset), *_page_tables.tables_of(dataset), _page_tables.ranges_of(dataset)]
         tables = [table for table in found if table is not None]

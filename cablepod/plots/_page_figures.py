@@ -74,7 +74,7 @@ def _of_models(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
             runs = _comparisons(name, dataset)
             if runs:
                 yield Drawing(f"{name}: error over time", partial(_reports.error_over_time, runs))
-    modes = [name for name, dataset in results.items() if dataset.attrs.get("stage") == "modes"]
+    modes = [name for name, dataset in results.items() if str(dataset.attrs.get("stage")) == "modes"]
     for name in modes[:1]:  # other layouts of the same motion look alike
         yield Drawing(f"{name}: shapes of the first modes", partial(_modes.modes, results[name]))
         if "singular_value" in results[name]:

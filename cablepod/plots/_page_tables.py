@@ -302,9 +302,17 @@ def input_of(scene: xr.Dataset) -> Table:
     return Table(["key", "value", "unit", "meaning"], rows, fixed=4)
 
 
+def stages_of(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the stages of a history; none of one that was changed by hand, which tells nothing."""
+    try:
+        return list(provenance.stages_of(dataset))
+    except ValueError:
+        return []
+
+
 def input_from_history(dataset: xr.Dataset) -> Table | None:
     """Return the keys of the scene that a history tells; None without one."""
-    stages = [stage for stage in provenance.stages_of(dataset) if isinstance(stage["parameters"].get("scene"), dict)]
+    stages = [stage for stage in stages_of(dataset) if isinstance(stage["parameters"].get("scene"), dict)]
     if not stages:
         return None
     rows = []

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
 from cablepod.conventions import ATTRIBUTES, digits
 from cablepod.integrate._coarse import LIKELY
+from cablepod.plots import _page_tables
 from cablepod.plots._page_html import NOTHING, Table
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR, warn_condensed_out_of_range, warn_galerkin_out_of_range
 
@@ -46,7 +46,7 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
         yield f"left out: {reason}"
     for name, dataset in results.items():
         attrs = dataset.attrs
-        if attrs.get("incomplete"):
+        if isinstance(attrs.get("incomplete"), str | bool | int) and attrs["incomplete"]:
             how = attrs["incomplete"] if isinstance(attrs["incomplete"], str) else "interrupted"
             yield f"{name}: incomplete, {how}"
         yield from (f"{name}: {note}" for note in _notes(dataset))
@@ -182,7 +182,7 @@ def stages_of(results: Mapping[str, xr.Dataset]) -> Table | None:
     ends = {str(dataset.attrs.get("id", "")): name for name, dataset in results.items()}
     stages: dict[str, dict[str, Any]] = {}
     for dataset in results.values():
-        for stage in provenance.stages_of(dataset):
+        for stage in _page_tables.stages_of(dataset):
             stages.setdefault(stage["id"], stage)
     rows = []
     for identifier, stage in stages.items():

@@ -52,6 +52,6 @@ def stringing(table: xr.Dataset, *, variable: str = "tension_upper", ax: Axes | 
     ax.set_xlabel("temperature [°C]")
     attrs = values.attrs
     _style.label_axis(ax.yaxis, f"{attrs.get('long_name', variable)} [{attrs.get('units', '1')}]", values.values)
-    if title := table.attrs.get("title"):
-        ax.set_title(str(title).removesuffix(": stringing"))
+    if isinstance(title := table.attrs.get("title"), str):
+        ax.set_title(title.removesuffix(": stringing"))
     return _style.finish(ax)
