@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.catenary._bracket import force_by_sag
 from cablepod.catenary._piecewise import (
     ALONG_LOAD,
     Pieces,
@@ -22,7 +23,7 @@ from cablepod.catenary._piecewise import (
     reach_of,
     size_of,
 )
-from cablepod.errors import scene_error
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
@@ -39,8 +40,6 @@ MINIMUM_RTOL, LONGEST_STEP = 1e-7, 2.0
 TAUT = 1.02
 #: Lengths beyond a minimum at which a scan looks for another one: their number, and the last over the first.
 SCANNED, LONGEST_SCAN = 60, 30.0
-#: Factor by which a bracket of the force grows, and how often at most; absolute tolerance of its logarithm.
-GROWTH, MAX_GROWTHS, LOG_TOLERANCE = 4.0, 60, 1e-14
 #: Strain of a first guess where the uniform cable has no solution.
 FIRST_STRAIN = 1e-3
 
@@ -264,8 +263,6 @@ def _root(
 
 def _of_sag(p: Parameters, sag: float, name: str) -> PiecewiseCatenary:
     """Find the cable of a given sag [m], which falls as the force across the load rises, by a bracket of this force."""
-    from scipy.optimize import brentq  # costly to import
-
     search = _Search(p, "horizontal_force")
     chord = float(size_of(search.chord))
     pieces = pieces_of(p, chord)
@@ -274,21 +271,14 @@ def _of_sag(p: Parameters, sag: float, name: str) -> PiecewiseCatenary:
         raise scene_error(name, sag, "a tension or a length, as a cable without load has no sag")
 
     def excess(logarithm: float) -> float:
-        return math.log(max(_of_quantity(search, math.exp(logarithm), name).sag, 1e-300) / sag)
+        try:
+            found = _of_quantity(search, math.exp(logarithm), name).sag
+        except SceneError:
+            raise scene_error(name, sag, "a tension or a length, as the chord lies along the load") from None
+        return math.log(max(found, 1e-300) / sag)
 
-    low = high = math.log(load * chord / (8.0 * sag))  # of a parabola
-    deepest = tautest = excess(low)
-    for _ in range(MAX_GROWTHS):
-        if deepest >= 0.0 >= tautest:
-            break
-        if deepest < 0.0:
-            low -= math.log(GROWTH)
-            deepest = excess(low)
-        if tautest > 0.0:
-            high += math.log(GROWTH)
-            tautest = excess(high)
-    force = low if low == high else brentq(excess, low, high, xtol=LOG_TOLERANCE, rtol=8.9e-16)
-    return _of_quantity(search, math.exp(force), name)
+    force = force_by_sag(excess, math.log(load * chord / (8.0 * sag)))  # of a parabola
+    return _of_quantity(search, force, name)
 
 
 def _shortest(search: _Search, value: float, name: str) -> float:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cablepod.catenary._bracket import force_by_sag
 from cablepod.catenary._piecewise import is_piecewise
 from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenaries
 from cablepod.errors import SceneError, scene_error
@@ -28,10 +29,6 @@ SMALL_TURN = 0.5
 SMALL_LOAD = 0.4
 #: Denominators of the series of sinh(turn) - turn, from the last one.
 SERIES = (210.0, 156.0, 110.0, 72.0, 42.0, 20.0)
-#: Factor by which a bracket of the force grows, and how often at most: sags of 1e-30 to 1e30 m are within it.
-GROWTH, MAX_GROWTHS = 4.0, 120
-#: Absolute tolerance of the logarithm of the force: the rounding of numbers up to 100.
-LOG_TOLERANCE = 1e-14
 
 
 def sag_of(plane: Sequence[float], stiffness: float, statics: Sequence[float]) -> float:
@@ -96,8 +93,6 @@ def force_of_sag(plane: Sequence[float], stiffness: float, sag: float, *, name: 
     SceneError
         For a cable without load or along it, which has no sag, and for a sag that no catenary in double precision has.
     """
-    from scipy.optimize import brentq  # costly to import
-
     span, _, chord, load = plane[:4]
     if not load > 0.0:
         raise scene_error(name, sag, "a tension or a length, as a cable without load has no sag")
@@ -120,20 +115,7 @@ def force_of_sag(plane: Sequence[float], stiffness: float, sag: float, *, name: 
     # the parabola of a taut cable, or the sag parameter of a deep one
     deep = 2.0 + 2.0 * math.log1p(8.0 * sag / span)
     first = math.log(load * max(chord * span / (8.0 * sag), span / (2.0 * deep)))
-    low = high = first
-    deepest = tautest = excess(first)
-    for _ in range(MAX_GROWTHS):
-        if deepest >= 0.0 >= tautest:
-            break
-        if deepest < 0.0:
-            low -= math.log(GROWTH)
-            deepest = excess(low)
-        if tautest > 0.0:
-            high += math.log(GROWTH)
-            tautest = excess(high)
-    if low == high:
-        return math.exp(first)
-    return math.exp(brentq(excess, low, high, xtol=LOG_TOLERANCE, rtol=8.9e-16))
+    return force_by_sag(excess, first)
 
 
 def forces_of_sags(plane: Sequence[np.ndarray], stiffness: np.ndarray, sags: np.ndarray) -> np.ndarray:

@@ -177,7 +177,6 @@ UNITS: dict[str, str] = {
             "amplitude_of_mode", "amplitude_of_mode_out_of_plane", "anchor", "bifurcation_deflection_maximum",
             "deflection_maximum", "displacement", "displacement_maximum", "displacement_mean", "displacement_minimum",
             "displacement_std", "edge_amplitude", "guy_length", "guy_level", "guy_position", "level", "node_height", "response",
-            "sag",
         ), "m",
     ),
     **dict.fromkeys(
@@ -194,7 +193,6 @@ UNITS: dict[str, str] = {
         ), "s",
     ),
     **dict.fromkeys(("bifurcation_angular_frequency", "edge_angular_frequency"), "rad s-1"),
-    "frequency": "Hz",
     **dict.fromkeys(("growth", "growth_in_plane", "growth_out_of_plane"), "s-1"),
     **dict.fromkeys(("mean_wind", "wind"), "m s-1"),
 }  # fmt: skip

@@ -288,3 +288,10 @@ def test_each_segment_expands_by_its_own_coefficient() -> None:
     hot = cp.catenary.rest(scene(tables, top_tension=15000.0, thermal_expansion=1.2e-5))
     expansion = lengths.sum() / 61.3
     assert float(hot.unstretched_length) == pytest.approx(expansion * float(cold.unstretched_length), rel=1e-14)
+
+
+def test_a_sag_of_an_upright_cable_is_refused_as_given() -> None:
+    # no force acts across the load; the message once told a trial of the search instead of the sag
+    tables = {"ends": {"lower": [0.0, 0.0], "upper": [0.0, 50.0]}, "segment": [{"to": 0.5}, {"density": 9000.0}]}
+    with pytest.raises(cp.SceneError, match=r"^cable\.sag: given 0\.5; allowed: a tension or a length, as the chord"):
+        cp.make_scene({"cable": {**CABLE, "sag": 0.5}, "chain": {"links": 10}, **tables})
