@@ -203,6 +203,8 @@ def test_a_figure_has_a_line_for_each_case():
     assert (ax.get_xlabel(), ax.get_title()) == ("temperature [\u00b0C]", "a span")
     single = cp.plots.stringing(table.isel(case=0, drop=True), variable="frequency", ax=plt.figure().subplots())
     np.testing.assert_array_equal(single.lines[0].get_ydata(), table["frequency"][0, :, 0])
+    in_millimetres = table.assign(sag=(1e3 * table["sag"]).assign_attrs(table["sag"].attrs, units="mm"))
+    assert "[mm]" in cp.plots.stringing(in_millimetres, variable="sag", ax=plt.figure().subplots()).get_ylabel()
     with pytest.raises(cp.SceneError, match=r"^variable: given 'tension'; allowed: one of tension_lower, .*frequency$"):
         cp.plots.stringing(table, variable="tension")
     plt.close("all")
