@@ -25,6 +25,9 @@ from cablepod.discretisation._kernels_modal_damping import damping_forces
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 30
+#: Number of iterations after which a step is predicted anew without the acceleration, and further steps too until one of them
+#: takes more: in steps that do not resolve the axial vibrations these stay in the acceleration, undamped.
+MANY_ITERATIONS = 6
 #: With drag: tolerance of what remains over that of the last correction.
 REMAINDER = 0.1
 
@@ -218,6 +221,17 @@ def _add_blocks(own, first, band):
 
 
 @compiled
+def _predict(x, v, a, first, step, has_acceleration, increment, trial):
+    """Predict the increments of the free nodes and their positions after a step, from their velocities or accelerations too."""
+    for c in range(v.shape[0]):
+        for j in range(v.shape[1]):
+            increment[c, j] = step * v[c, j]
+            if has_acceleration:
+                increment[c, j] += 0.5 * step * step * a[c, j]
+            trial[c, first + j] = x[c, first + j] + increment[c, j]
+
+
+@compiled
 def trapezoidal(
     x, v, a, first, d, weight, scale, unrolled, stiffness, green, ratios, mass, damping, loads, patterns, factors, viscosity,
     tension_damping, modal, particles, numbers, wind, wind_places, drag, bodies, rows, columns, ends, end_rates, step,
@@ -272,7 +286,7 @@ def trapezoidal(
         s_tangent = np.zeros(shape)
     damping_force, lag = np.zeros(x.shape), modal.half_ratio * velocity_factor * velocity_factor
     is_linear = wind is not None or modal.matrix.size > 0
-    iterations, save = 0, 0
+    iterations, save, has_acceleration = 0, 0, True
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
             saved[save, 0] = x
@@ -285,15 +299,14 @@ def trapezoidal(
                     u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
                     u[c, first : first + m] = v[c]
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
-        for c in range(dims):
-            for j in range(m):
-                increment[c, j] = step * (v[c, j] + 0.5 * step * a[c, j])
-                trial[c, first + j] = x[c, first + j] + increment[c, j]
         for q in range(rows.size):
             trial[rows[q], columns[q]] = ends[q, i + 1]
-        converged, below, before = False, False, 0.0
-        for _ in range(MAX_ITERATIONS):
+        converged, below, before, started = False, False, 0.0, has_acceleration
+        for k in range(MAX_ITERATIONS):
             iterations += 1
+            has_acceleration = has_acceleration and k < MANY_ITERATIONS
+            if k == 0 or (k == MANY_ITERATIONS and started):
+                _predict(x, v, a, first, step, has_acceleration, increment, trial)
             for c in range(dims):
                 _gradient(trial[c], d, scale, unrolled, nodal, g[c])
             _products(g, g, square)
@@ -367,11 +380,12 @@ def trapezoidal(
             if norm <= tolerance and remainder <= REMAINDER * tolerance:
                 converged = True
                 break
-            if not norm < 1e300:
+            if not norm < 1e300 and not has_acceleration:
                 break
             before = norm
         if not converged:
             return i, iterations
+        has_acceleration = has_acceleration or (not started and k >= MANY_ITERATIONS)
         if below:
             _record_slack(square, start + i + 1, slack)
         for c in range(dims):
