@@ -8,19 +8,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-import xarray as xr
 
 from cablepod import archive, study
-from cablepod._models import Model, model_of
-from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
-from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.archive._write import check_target
 from cablepod.cli import (
     _arguments,
     _design,
+    _ensemble,
     _group,
-    _map,
+    _info,
     _mast,
     _page,
     _periodic,
@@ -30,7 +27,7 @@ from cablepod.cli import (
     _templates,
 )
 from cablepod.cli._group import Group, say
-from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
+from cablepod.cli._progress import Bars, telling_of_compilation
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
 from cablepod.integrate._velocity_jump import warn_of_velocity_jump
@@ -191,57 +188,9 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 @_page.OPTION
 @click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
 @NO_VERIFY
-def ensemble_command(
-    scene: str,
-    out: str,
-    model: str | None,
-    modes: str | None,
-    options: tuple[str, ...],
-    scheduler: str | None,
-    workers: int | None,
-    batch: int,
-    hertz: bool,
-    page: str | None,
-    overwrite: bool,
-    verify: bool,
-) -> None:
+def ensemble_command(**options: Any) -> None:
     """Simulate all members of a scene."""
-    from cablepod import ensemble  # slow to import
-    from cablepod.ensemble._models import check_scene_of_model
-
-    _group.import_matplotlib(agg=True)
-    folder = _arguments.folder(out)
-    dataset = read_scene(scene_path(scene))
-    if "ensemble_json" not in dataset.attrs:
-        raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
-    model = model or ("mast" if "mast_height" in dataset else "chain")
-    chosen = model_of(model)
-    check_scene_of_model(dataset, chosen)
-    target = _page.checked(page)
-    scenes = ensemble.design(dataset)
-    say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
-    modes_dataset = (
-        archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, chosen, overwrite)
-    )
-    with telling_of_compilation(), member_bar(model, scenes.sizes["member"]) as progress, _page.heard() as notes:
-        results = ensemble.run(
-            scenes,
-            folder,
-            model=model,
-            modes=modes_dataset,
-            scheduler=scheduler,
-            workers=workers,
-            batch=batch,
-            overwrite=overwrite,
-            progress=progress,
-            **dict(_arguments.model_option(text) for text in options),
-        )
-    peaks = "\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))])
-    say(peaks)
-    summary = describe_ensemble(folder, brief=True)
-    found = {"scene": dataset, "ensemble": results}
-    text = "\n".join((peaks, summary))
-    say("\n".join(filter(None, (summary, _page.write(target, found, text=text, notes=notes)))))
+    _ensemble.simulate(**options)
 
 
 @commands.command("design", **_templates.texts("design"))
@@ -363,18 +312,6 @@ def stringing_command(**options: Any) -> None:
         _stringing.stringing(**options)
 
 
-def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: Model, overwrite: bool) -> xr.Dataset | None:
-    """Return the modes of a reduced model: those of the ensemble that goes on, or new ones; None for a full model."""
-    if model.layout is None:
-        return None
-    if (folder / MODES).exists() and not overwrite:
-        return archive.read(folder / MODES)
-    with telling_of_compilation(), Bars() as bars:
-        modes = make_modes(scene, layout=model.layout, progress=partial(bars, "chain, for the modes"))
-    say(f"modes: {modes.sizes['mode']} of layout {model.layout}, from a run of the scene itself")
-    return modes
-
-
 @commands.command("info", **_templates.texts("info"))
 @click.argument("path", metavar="PATH", shell_complete=_arguments.complete_file)
 @click.option(
@@ -387,32 +324,9 @@ def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: Model, overwrite:
 def info_command(path: str, as_script: bool, verify: bool) -> None:
     """Describe a file or a folder, or print its lineage."""
     if as_script:
-        say(_script(Path(path), verify=verify), end="")
+        say(_info.script(Path(path), verify=verify), end="")
     else:
-        say(_description(Path(path), verify=verify))
-
-
-def _script(path: Path, *, verify: bool) -> str:
-    """Return the script that makes a file or an ensemble again."""
-    if (path / MANIFEST).exists():
-        return _lineage.script(archive.open_ensemble(path, incomplete=True, verify=verify))
-    if path.is_dir():
-        raise archive.ArchiveError(f"--lineage: given {path}, a folder; allowed: one file")
-    return _lineage.script(archive.read(path, chunks={}, verify=verify))
-
-
-def _description(path: Path, *, verify: bool) -> str:
-    """Describe a file, an ensemble, or all files of a folder."""
-    if not path.is_dir():
-        return archive.describe(path, verify=verify)
-    if (path / MANIFEST).exists():
-        return describe_ensemble(path, verify=verify)
-    files = sorted(path.glob("*.nc"))
-    if not files:
-        raise archive.ArchiveError(
-            f"{path}: a folder without netCDF files; allowed: a file or a folder that cablepod wrote"
-        )
-    return "\n\n".join(archive.describe(file, verify=verify) for file in files)
+        say(_info.description(Path(path), verify=verify))
 
 
 @commands.command("new", **_templates.texts("new"))
