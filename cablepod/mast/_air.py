@@ -7,8 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from cablepod.mast._drag import MastDrag
 from cablepod.mast._kernels_layout import NODES_TOGETHER
-from cablepod.scene._mast_field import GUY_POINTS
+from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS
 from cablepod.wind._air import MIN_REFINED, REFINEMENT, refined
 from cablepod.wind._mast_air import KEPT_FIELDS, MastAir
 
@@ -30,17 +31,23 @@ def time_weights(samples: int) -> np.ndarray:
 
 
 @lru_cache(2 * KEPT_FIELDS)
-def _at_nodes(air: MastAir, height: bytes) -> np.ndarray:
-    own = air.at_nodes(np.frombuffer(height), air.velocity)
-    result = np.zeros((len(own), 2, -(-own.shape[1] // NODES_TOGETHER) * NODES_TOGETHER))
-    result[:, :, : own.shape[1]] = np.swapaxes(own, 1, 2)
-    return result.reshape(len(own), -1)
+def _at_nodes(air: MastAir, weights: bytes, mean: bytes) -> np.ndarray:
+    of_points, of_nodes = np.frombuffer(weights).reshape(-1, MAST_POINTS), np.frombuffer(mean).reshape(-1, 2)
+    count = len(of_nodes)
+    result = np.zeros((len(air.velocity), 2, -(-count // NODES_TOGETHER) * NODES_TOGETHER))
+    result[:, :, :count] = np.tensordot(air.of_mast(air.velocity), of_points, (1, 1))
+    result[:, :, :count] += air.growth[:, None, None] * (of_nodes - of_points @ air.of_mast(air.mean)).T
+    return result.reshape(len(result), -1)
 
 
-def at_nodes(air: MastAir, height: np.ndarray) -> np.ndarray:
-    """Return the velocity at nodes of the mast, in x, then in z, padded (samples, 2 nodes) [m/s]."""
+def at_nodes(air: MastAir, drag: MastDrag) -> np.ndarray:
+    """Return the velocity at the nodes of the mast but the foot, in x, then in z, padded (samples, 2 nodes) [m/s].
+
+    It is the mean velocity of the drag with the gusts on what each node carries.
+    """
+    weights = drag.gusts @ air.weights_at(drag.heights)
     with _LOCK:
-        return _at_nodes(air, np.ascontiguousarray(height, dtype=float).tobytes())
+        return _at_nodes(air, weights[1:].tobytes(), drag.velocity[1:].tobytes())
 
 
 def _of_places(air: MastAir, velocity: np.ndarray, count: int, lanes: int) -> np.ndarray:

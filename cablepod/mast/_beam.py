@@ -153,11 +153,12 @@ class Beam:
         return self.displacement_rows(np.arange(self.height.size))
 
     def section_rows(self, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
-        """Return the matrix from the unknowns to the section forces in x and z (node + element, 2, count).
+        """Return the matrix from the unknowns to the section forces in x and z (node + element ends, 2, count).
 
-        First the bending moments at the nodes, then the horizontal force in each element, of what is above on what is below.
-        They are the forces on the ends of the elements, bending and axial force together: in equilibrium with loads on the nodes,
-        which moments by EI w'' of cubic shapes are to the order of the mesh only.
+        First the bending moments at the nodes, then the horizontal force at the lower and the upper end of each element, of what
+        is above on what is below.  They are the forces on the ends of the elements, bending and axial force together: in
+        equilibrium with the loads, which moments by EI w'' of cubic shapes are to the order of the mesh only.  Loads on the
+        elements themselves add :meth:`sections_of_loads`.
 
         Parameters
         ----------
@@ -186,29 +187,45 @@ class Beam:
             self._blocks(2, self.section[:, BENDING_STIFFNESS, None] * np.ones(GAUSS_POINTS)) + weight
         )
 
+    @cached_property
+    def inertia_sections(self) -> np.ndarray:
+        """Matrix from accelerations of the unknowns to section forces by a load of mass times acceleration, the unknowns held."""
+        return self._sections(-self._blocks(0, self.section[:, MASS, None] * np.ones(GAUSS_POINTS)))
+
     def _sections(self, blocks: np.ndarray) -> np.ndarray:
         """Return the matrix from the unknowns to section forces, for the stiffness of each element (element, 4, 4)."""
-        nodes = self.height.size
-        single, sides = np.zeros((2 * nodes - 1, 2 * nodes)), np.full(nodes, 2.0)
-        sides[[0, -1]] = 1.0
+        loads = np.zeros((self.length.size, 4, 2 * self.height.size))
         for e, block in enumerate(blocks):
-            where = slice(2 * e, 2 * e + 4)
-            single[e, where] -= block[1] / sides[e]
-            single[e + 1, where] += block[3] / sides[e + 1]
-            single[nodes + e, where] = -block[0]
-        single[nodes - 1] = 0.0  # ends that turn freely have no moment, in motion either
+            loads[e, :, 2 * e : 2 * e + 4] = -block
+        return self.along_both(self.sections_of_loads(loads))
+
+    def sections_of_loads(self, loads: np.ndarray) -> np.ndarray:
+        """Return section forces by loads on the elements themselves, of one direction (node + element ends, columns).
+
+        Parameters
+        ----------
+        loads
+            Force and moment at the lower, then at the upper end of each element, which have the work of its loads on cubic
+            displacements (element, 4, columns).
+        """
+        nodes, count = self.height.size, self.length.size
+        sides = np.full(nodes, 2.0)
+        sides[[0, -1]] = 1.0
+        moments, forces = np.zeros((nodes, loads.shape[2])), np.empty((count, 2, loads.shape[2]))
+        moments[:-1] += loads[:, 1] / sides[:-1, None]
+        moments[1:] -= loads[:, 3] / sides[1:, None]
+        moments[-1] = 0.0  # ends that turn freely have no moment, in motion either
         if self.base == "pinned":
-            single[0] = 0.0
+            moments[0] = 0.0
+        forces[:, 0], forces[:, 1] = loads[:, 0], -loads[:, 2]
+        return np.concatenate([moments, forces.reshape(2 * count, -1)])
+
+    def along_both(self, single: np.ndarray) -> np.ndarray:
+        """Return rows of the unknowns of one direction, held ones too (rows, 2 nodes), as rows in x and z (rows, 2, count)."""
         result = np.zeros((len(single), 2, self.count))
         for direction in range(2):
             result[:, direction, direction * self.free.size : (direction + 1) * self.free.size] = single[:, self.free]
         return result
-
-    @cached_property
-    def drag_areas(self) -> np.ndarray:
-        """Drag coefficient times area that each node carries (node,) [m2]."""
-        half = 0.5 * self.section[:, DRAG_AREA] * self.length
-        return np.concatenate([half, [0.0]]) + np.concatenate([[0.0], half])
 
 
 @cache

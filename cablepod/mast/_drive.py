@@ -21,7 +21,7 @@ class Drive(NamedTuple):
     samples_per_step: float
     table: Any  #: weights of the samples of the air, see :func:`cablepod.mast._air.time_weights`
     mast_wind: Any  #: at the nodes but the foot in x, then in z (samples, 2 nodes) [m/s]
-    node_columns: Any  #: displacement of the nodes by the modes (2, modes, nodes)
+    node_columns: Any  #: displacement of what the nodes carry by the modes (2, modes, nodes)
     node_rows: Any  #: the same (2, nodes, modes)
     node_drag: Any  #: (nodes,) [kg/m]
 
@@ -40,14 +40,13 @@ def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Driv
     vectors = None if factors is None else mast.load_vectors
     if air is None:
         return Drive(constant, vectors, factors, 0.0, None, None, None, None, None)
-    height = mast.rest.beam.height
-    drag = 0.5 * air.density * mast.rest.beam.drag_areas
-    start = air.at_nodes(height, air.start)
-    constant -= np.einsum("nd,nda->a", drag[:, None] * np.linalg.norm(start, axis=1)[:, None] * start, mast.node_rows)
-    wind = at_nodes(air, height[1:])  # the foot does not move
+    height, of_mast = mast.rest.beam.height, mast.rest.drag
+    drag, by_modes = 0.5 * air.density * of_mast.areas, of_mast.rows @ mast.modes
+    constant -= np.einsum("nd,nda->a", of_mast.at_rest, by_modes)
+    wind = at_nodes(air, of_mast)  # the foot carries no drag
     drag = np.pad(drag[1:], (0, wind.shape[1] // 2 - drag.size + 1))
     samples = request.step * air.samples_per_second
     rows = np.zeros((2, wind.shape[1] // 2, len(mast.omega)))
-    rows[:, : height.size - 1] = np.swapaxes(mast.node_rows[1:], 0, 1)
+    rows[:, : height.size - 1] = np.swapaxes(by_modes[1:], 0, 1)
     columns = np.ascontiguousarray(np.swapaxes(rows, 1, 2))
     return Drive(constant, vectors, factors, samples, time_weights(len(wind)), wind, columns, rows, drag)

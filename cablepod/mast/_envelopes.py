@@ -10,11 +10,10 @@ import numpy as np
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
 from cablepod.mast._sections import anchor_forces, compression, foot_force, section_forces
-from cablepod.wind._mast_air import MastAir
 
 #: Outputs over time that follow from the equilibrium of the run -> their dimensions.
 OVER_TIME = {
-    "bending_moment": ("time", "node", "coordinate"), "shear_force": ("time", "element", "coordinate"),
+    "bending_moment": ("time", "node", "coordinate"), "shear_force": ("time", "element", "end", "coordinate"),
     "axial_compression": ("time", "element"), "foot_force": ("time", "coordinate"),
     "anchor_force": ("time", "guy", "coordinate"),
 }  # fmt: skip
@@ -33,8 +32,8 @@ def spatial(values: np.ndarray) -> np.ndarray:
 class Forces:
     """Forces of a run at its outputs; each is computed where it is asked for."""
 
-    def __init__(self, mast: ModalMast, run: MastTrajectory, air: MastAir | None, *, shear: bool) -> None:
-        self.mast, self.run, self.air, self.shear = mast, run, air, shear
+    def __init__(self, mast: ModalMast, run: MastTrajectory, *, shear: bool) -> None:
+        self.mast, self.run, self.shear = mast, run, shear
 
     @cached_property
     def _sections(self) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +46,7 @@ class Forces:
 
     @property
     def shear_force(self) -> np.ndarray:
-        """Horizontal forces in the elements in x and z (outputs, elements, 2) [N]."""
+        """Horizontal forces at both ends of the elements in x and z (outputs, elements, end, 2) [N]."""
         return self._sections[1]
 
     @cached_property
@@ -58,7 +57,7 @@ class Forces:
     @cached_property
     def foot_force(self) -> np.ndarray:
         """Forces on the foundation (outputs, 3) [N]."""
-        return foot_force(self.mast, self.run, self.air, self.shear_force, self.axial_compression)
+        return foot_force(self.shear_force, self.axial_compression)
 
     @cached_property
     def anchor_force(self) -> np.ndarray:
@@ -66,9 +65,9 @@ class Forces:
         return anchor_forces(self.mast, self.run)
 
 
-def forces_of(mast: ModalMast, run: MastTrajectory, air: MastAir | None, outputs: tuple[str, ...]) -> Forces:
+def forces_of(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> Forces:
     """Return the forces of a run; those of the elements only where an output needs them."""
-    return Forces(mast, run, air, shear=bool({"shear_force", "foot_force", ENVELOPES} & set(outputs)))
+    return Forces(mast, run, shear=bool({"shear_force", "foot_force", ENVELOPES} & set(outputs)))
 
 
 def over_time(forces: Forces, outputs: tuple[str, ...]) -> dict[str, Any]:
@@ -100,7 +99,7 @@ def envelopes(forces: Forces, displacement: np.ndarray, within: np.ndarray, guys
     result: dict[str, Any] = {
         "displacement_largest": (("level",), _largest(displacement[within])),
         "bending_moment_largest": (("node",), _largest(forces.bending_moment[within])),
-        "shear_force_largest": (("element",), _largest(forces.shear_force[within])),
+        "shear_force_largest": (("element",), _largest(forces.shear_force[within]).max(axis=-1)),
         "axial_compression_minimum": (("element",), axial.min(axis=0)),
         "axial_compression_maximum": (("element",), axial.max(axis=0)),
         "foot_force_minimum": (("coordinate",), foot.min(axis=0)),

@@ -104,7 +104,7 @@ saved_tension, saved_drag, level_extremes, level_sums, tension_extremes, tension
         Samples in a step; air along the guys, see :func:`_drag_forces`; half the density of the air times drag coefficient and
         diameter [kg/m2].
     monitor
-        Least tension of a link of each guy at the outputs [N] and its step (guys, 2).
+        Least tension of a link of each guy at the outputs before it breaks [N] and its step (guys, 2).
     """
     count, n, levels = x.shape[0], x.shape[2] - 1, level_rest.shape[0]
     force, before, mean_rate = np.empty(a.size), v.copy(), np.empty(a.size)
@@ -134,8 +134,8 @@ saved_tension, saved_drag, level_extremes, level_sums, tension_extremes, tension
                 forces[0, n - 1] = forces[1, n - 1] = forces[2, n - 1] = 0.0
             if guy_wind is not None and k % hold == 0:
                 _drag_forces(x[g], rates[g], guy_wind, k * guy_samples_per_step, g, guy_drag[g], n, drags[g])
-            if k % every == 0:
-                for j in range(n if held else n - 1):
+            if held and k % every == 0:
+                for j in range(n):
                     pull = math.sqrt(forces[0, j] ** 2 + forces[1, j] ** 2 + forces[2, j] ** 2)
                     if not pull >= monitor[g, 0]:
                         monitor[g, 0], monitor[g, 1] = pull, k

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.mast._beam import Beam
 from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, forces_of, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
 from cablepod.parameters._mast import MastParameters
-from cablepod.wind._mast_air import MastAir
 
 #: Outputs of a run.
 OUTPUTS = (
@@ -39,9 +38,10 @@ NAMES: dict[str, tuple[str, str]] = {
     "guy_length": ("m", "unstretched length of the guy"),
     "bending_moment": ("N m", "bending moment EI d2u/dy2 of the mast for displacements along the coordinate"),
     "element": ("1", "number of the element of the mast, 0 at the foot"),
+    "end": ("1", "end of the element of the mast"),
     "element_bottom": ("m", "height of the lower end of the element"),
     "element_top": ("m", "height of the upper end of the element"),
-    "shear_force": ("N", "horizontal force of the mast above on the mast below, in the element"),
+    "shear_force": ("N", "horizontal force of the mast above on the mast below, at the end of the element"),
     "axial_compression": ("N", "axial force at the lower end of the element, compression positive"),
     "foot_force": ("N", "force of the mast on its foundation"),
     "anchor_force": ("N", "force of the guy on its anchor"),
@@ -97,6 +97,8 @@ def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Map
             coords[name] = (dim, p.given_heights(heights))
     if "coordinate" in used:
         coords["coordinate"] = list(COORDINATES)
+    if "end" in used:
+        coords["end"] = list(ENDS)
     if "guy" in used and p.guys:
         coords["guy"] = np.arange(1, len(p.guys) + 1)
         coords["guy_level"] = ("guy", p.given_heights(np.array([guy.level for guy in p.guys])))
@@ -117,15 +119,13 @@ def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:
     return (modal @ rows.reshape(-1, rows.shape[-1]).T).reshape(-1, *rows.shape[:2])
 
 
-def trajectory(
-    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], air: MastAir | None, guys: str
-) -> xr.Dataset:
-    """Return a run with guys of a kind in its air as a Dataset, up to where it was computed."""
-    return dataset(mast.rest.p, *_values(mast, run, outputs, air, guys))
+def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], guys: str) -> xr.Dataset:
+    """Return a run with guys of a kind as a Dataset, up to where it was computed."""
+    return dataset(mast.rest.p, *_values(mast, run, outputs, guys))
 
 
 def _values(
-    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], air: MastAir | None, guys: str
+    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], guys: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return variables and coordinates of a run, up to where it was computed."""
     request, n = run.request, run.completed
@@ -142,7 +142,7 @@ def _values(
         variables["guy_position"] = (("time", "guy", "point", "coordinate"), run.guy_position[:n])
         coords["point"] = np.arange(run.guy_position.shape[2])
     if NEED_FORCES & set(outputs):
-        variables |= _forces(forces_of(mast, run, air, outputs), outputs, moved, guys)
+        variables |= _forces(forces_of(mast, run, outputs), outputs, moved, guys)
         used = {dim for dims, _ in variables.values() for dim in dims}
         coords |= {name: value for name, value in nodes_of(mast.rest.beam).items() if name.split("_")[0] in used}
     if "extremes" in outputs and not run.status:

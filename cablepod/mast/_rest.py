@@ -9,10 +9,12 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
+from cablepod.conventions import ENDS
 from cablepod.mast._envelopes import spatial
 from cablepod.mast._output import dataset, nodes_of
+from cablepod.mast._sections import foot_force
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
-from cablepod.mast._statics import MastRest, mean_drag, rest_in
+from cablepod.mast._statics import rest_in
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.wind._mast_air import mean_mast_air
@@ -33,9 +35,9 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         ``displacement (level, coordinate)`` [m], ``guy_tension``, ``guy_tension_anchor (guy)`` [N], ``guy_force (guy,
         coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``shear_force
-        (element, coordinate)`` [N], ``axial_force (node)`` [N, compression, mean of both sides], ``axial_compression (element)``
-        [N, at its lower end], ``foot_force (coordinate)`` and ``anchor_force (guy, coordinate)`` [N] on the foundations,
-        ``buckling_factor``.
+        (element, end, coordinate)`` [N], ``axial_force (node)`` [N, compression, mean of both sides], ``axial_compression
+        (element)`` [N, at its lower end], ``foot_force (coordinate)`` and ``anchor_force (guy, coordinate)`` [N] on the
+        foundations, ``buckling_factor``.
 
     Raises
     ------
@@ -75,12 +77,13 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
         for side in (-step, step)
     ]
     sides[0][0], sides[1][-1] = sides[1][0], sides[0][-1]
+    shear = found.sections[beam.height.size :].reshape(-1, len(ENDS), 2)
     variables: dict[str, Any] = {
         "displacement": (("level", "coordinate"), spatial(moved)),
         "bending_moment": (("node", "coordinate"), spatial(found.sections[: beam.height.size])),
-        "shear_force": (("element", "coordinate"), spatial(found.sections[beam.height.size :])),
+        "shear_force": (("element", "end", "coordinate"), spatial(shear)),
         "axial_compression": (("element",), found.compression),
-        "foot_force": (("coordinate",), _foot_force(found, mean_drag(p, beam, air))),
+        "foot_force": (("coordinate",), foot_force(shear, found.compression)),
         "axial_force": (("node",), 0.5 * (sides[0] + sides[1])),
         "buckling_factor": ((), found.buckling_factor),
     }
@@ -97,9 +100,3 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     result = dataset(p, variables, coords)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest", air=air_at_rest(p))
     return provenance.record(result, function="mast.rest", parameters={}, inputs=[scene])
-
-
-def _foot_force(found: MastRest, drag: np.ndarray) -> np.ndarray:
-    """Return the force on the foundation (3,) [N], with the mean drag on the foot itself, for that on the nodes (nodes, 2)."""
-    across = found.sections[found.beam.height.size] + drag[0]
-    return np.array([across[0], -found.compression[0], across[1]])

@@ -100,7 +100,7 @@ class MastCase:
             If the run stopped before its end.
         """
         guys, window = self.guys, self.window
-        result = output.trajectory(self.mast, run, self.wanted, self.air, guys)
+        result = output.trajectory(self.mast, run, self.wanted, guys)
         result.attrs.update(self.attributes(run, notes))
         if run.status:
             result.attrs["incomplete"] = f"stopped at {run.stopped_at:.9g} s"

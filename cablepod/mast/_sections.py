@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from cablepod.conventions import ENDS
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
-from cablepod.mast._statics import load_vectors, mean_drag, seen_by
-from cablepod.wind._air import _interpolated
-from cablepod.wind._mast_air import MastAir
+from cablepod.mast._statics import load_vectors, seen_by
 
 
 def section_forces(mast: ModalMast, run: MastTrajectory, *, shear: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    r"""Return bending moments (outputs, nodes, 2) [N m] and horizontal forces (outputs, elements, 2) [N] in x and z.
+    r"""Return bending moments (outputs, nodes, 2) [N m] and horizontal forces (outputs, elements, end, 2) [N] in x and z.
 
     The displacement u of the modes kept lacks the static displacement by the forces that these modes do not contain,
 
@@ -27,7 +26,8 @@ def section_forces(mast: ModalMast, run: MastTrajectory, *, shear: bool = True) 
 
     .. math:: S (u_0 + u + u_c) + \sum_l (P_l - P_{l,0}) S_l (u_0 + u),
 
-    in equilibrium with loads, drag, guys, weight and inertia above.  Without `shear` the second array has no elements.
+    and of drag and inertia on the elements themselves: in equilibrium with loads, drag, guys, weight and inertia above.  Without
+    `shear` the second array has no elements.
 
     References
     ----------
@@ -39,10 +39,11 @@ def section_forces(mast: ModalMast, run: MastTrajectory, *, shear: bool = True) 
     nodes = beam.height.size
     kept = slice(None) if shear else slice(nodes)
     rows = rest.section_rows[kept].reshape(-1, beam.count)
-    # section forces (2 (nodes + elements), count) by static forces, and by what of them the modes do not contain
+    # section forces (2 (nodes + element ends), count) by static forces, and by what of them the modes do not contain
     by_forces = np.linalg.solve(rest.stiffness, rows.T).T
-    by_others = by_forces - (by_forces @ inertia) @ shape.T
-    by_modes = rows @ shape - by_forces @ (rest.stiffness @ shape - inertia * mast.omega**2)
+    by_inertia = by_forces @ inertia + beam.inertia_sections[kept].reshape(-1, beam.count) @ shape
+    by_others = by_forces - by_inertia @ shape.T
+    by_modes = by_inertia * mast.omega**2
     by_modes = by_modes + by_others @ seen_by(rest.rows, rest.guy_stiffness) @ shape
     total = modal @ by_modes.T
     total += force[:, :, [0, 2]].reshape(n, -1) @ (by_others @ rest.rows.reshape(-1, beam.count).T).T
@@ -51,13 +52,16 @@ def section_forces(mast: ModalMast, run: MastTrajectory, *, shear: bool = True) 
         at_outputs = factors[:, :: request.every][:, :n]
         total += (at_outputs - factors[:, :1]).T @ (by_others @ load_vectors(rest.p, beam).T).T
     if run.drag.size:
-        drag = np.swapaxes(run.drag[:n, :, : nodes - 1] - run.drag[:1, :, : nodes - 1], 1, 2)  # the foot does not move
-        total += drag.reshape(n, -1) @ (by_others @ beam.all_rows[1:].reshape(-1, beam.count).T).T
+        drag = np.swapaxes(run.drag[:n, :, : nodes - 1] - run.drag[:1, :, : nodes - 1], 1, 2)  # the foot carries none
+        by_drag = by_others @ rest.drag.rows[1:].reshape(-1, beam.count).T + np.kron(
+            rest.drag.section_rows[kept, 1:], np.eye(2)
+        )
+        total += drag.reshape(n, -1) @ by_drag.T
     for level, pull in _added_pulls(mast, run):
         by_pull = beam.sections_of_pull(level)[kept].reshape(-1, beam.count) - by_others @ beam.of_pull(level)
         total += pull[:, None] * (by_pull @ rest.unknowns + modal @ (by_pull @ shape).T)
     result = rest.sections[kept] + total.reshape(n, -1, 2)
-    return result[:, :nodes], result[:, nodes:]
+    return result[:, :nodes], result[:, nodes:].reshape(n, -1, len(ENDS), 2)
 
 
 def compression(mast: ModalMast, run: MastTrajectory) -> np.ndarray:
@@ -78,27 +82,10 @@ def _added_pulls(mast: ModalMast, run: MastTrajectory) -> list[tuple[float, np.n
     ]
 
 
-def foot_force(
-    mast: ModalMast, run: MastTrajectory, air: MastAir | None, shear: np.ndarray, axial: np.ndarray
-) -> np.ndarray:
-    """Return the force of the mast on its foundation (outputs, 3) [N], from the section forces of the lowest element.
-
-    The drag on the lower half of this element acts on the foundation directly.
-    """
-    rest, n = mast.rest, run.completed
-    result = np.empty((n, 3))
-    result[:, [0, 2]] = shear[:, 0]
-    result[:, 1] = -axial[:, 0]
-    if air is None:
-        return result
-    if len(air.velocity) == 2:  # steady
-        result[:, [0, 2]] += mean_drag(rest.p, rest.beam, air)[0]
-        return result
-    at_foot = air.at_nodes(np.zeros(1), air.velocity)
-    velocity = _interpolated(run.request.times[:n], np.arange(len(at_foot)) / air.samples_per_second, at_foot)[:, 0]
-    size = 0.5 * air.density * rest.beam.drag_areas[0] * np.linalg.norm(velocity, axis=1)
-    result[:, [0, 2]] += size[:, None] * velocity
-    return result
+def foot_force(shear: np.ndarray, axial: np.ndarray) -> np.ndarray:
+    """Return the force of the mast on its foundation (..., 3) [N]: section forces at the lower end of its lowest element."""
+    across = shear[..., 0, 0, :]
+    return np.stack([across[..., 0], -axial[..., 0], across[..., 1]], axis=-1)
 
 
 def anchor_forces(mast: ModalMast, run: MastTrajectory) -> np.ndarray:

@@ -9,11 +9,10 @@ import numpy as np
 
 from cablepod.errors import SceneError
 from cablepod.mast._beam import Beam, beam_of
+from cablepod.mast._drag import MastDrag, drag_of_mast
 from cablepod.mast._guys import GuyStatics, StaticGuy, static_guys, with_mean_drag
 from cablepod.parameters._mast import MastParameters
 from cablepod.wind._mast_air import MastAir
-from cablepod.wind._profile import mean_speed
-from cablepod.wind._turbulence import direction_of
 
 #: Maximum number of Newton iterations, and the last correction over the height.
 MAX_ITERATIONS, RTOL = 60, 1e-13
@@ -33,6 +32,7 @@ class MastRest:
     force: np.ndarray  #: of the guys on the mast (guys, 3) [N]
     tension: np.ndarray  #: at anchor and mast (guys, 2) [N]
     load: np.ndarray  #: steady loads on the unknowns (count,)
+    drag: MastDrag
     statics: GuyStatics
 
     @cached_property
@@ -77,8 +77,8 @@ class MastRest:
 
     @cached_property
     def sections(self) -> np.ndarray:
-        """Bending moments at the nodes [N m], then horizontal forces in the elements [N], in x and z (node + element, 2)."""
-        return self.section_rows @ self.unknowns
+        """Bending moments at the nodes [N m], then horizontal forces at the ends of elements [N] (node + element ends, 2)."""
+        return self.section_rows @ self.unknowns + self.drag.section_rows @ self.drag.at_rest
 
     @cached_property
     def compression(self) -> np.ndarray:
@@ -147,24 +147,12 @@ def load_vectors(p: MastParameters, beam: Beam) -> np.ndarray:
     return np.array([load.force[[0, 2]] @ row for load, row in zip(p.loads, rows, strict=True)]).reshape(-1, beam.count)
 
 
-def steady_load(p: MastParameters, beam: Beam, air: MastAir | None) -> np.ndarray:
-    """Return loads at time 0 and mean drag on the mast, on the unknowns (count,); in the mean of a field in place of [wind]."""
+def steady_load(p: MastParameters, beam: Beam, drag: MastDrag) -> np.ndarray:
+    """Return loads at time 0 and drag at rest on the mast, on the unknowns (count,)."""
     total = np.zeros(beam.count)
     for load, vector in zip(p.loads, load_vectors(p, beam), strict=True):
         total += vector * (1.0 if load.factor is None else float(load.factor(0.0)))
-    return total + np.tensordot(mean_drag(p, beam, air), beam.all_rows, 2)
-
-
-def mean_drag(p: MastParameters, beam: Beam, air: MastAir | None) -> np.ndarray:
-    """Return the mean drag on the nodes in x and z, at the foot too (nodes, 2) [N]; in the mean of a field in place of [wind]."""
-    if air is not None:
-        velocity = air.at_nodes(beam.height, air.start)
-        return 0.5 * air.density * (beam.drag_areas * np.linalg.norm(velocity, axis=1))[:, None] * velocity
-    if p.wind is None or float(p.wind["ramp"]):
-        return np.zeros((beam.height.size, 2))
-    speed = mean_speed(p.wind, beam.height - float(p.wind["ground"]))
-    force = 0.5 * float(p.wind["air_density"]) * beam.drag_areas * speed**2
-    return force[:, None] * direction_of(p.wind)[[0, 2]]
+    return total + np.tensordot(drag.at_rest, drag.rows, 2)
 
 
 @lru_cache(16)
@@ -179,9 +167,10 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     beam = beam_of(p)
     straight = static_guys(p)
     guys = with_mean_drag(straight, p, air)
-    load, rows = steady_load(p, beam, air), guy_rows(p, beam)
+    drag, rows = drag_of_mast(p, beam, air), guy_rows(p, beam)
+    load = steady_load(p, beam, drag)
     unknowns = np.zeros(beam.count)
-    upright = _at(p, beam, straight, guys, unknowns, load)
+    upright = _at(p, drag, straight, guys, unknowns, load)
     check_buckling(upright)
     rest = upright
     for _ in range(MAX_ITERATIONS):
@@ -191,7 +180,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
         moved = np.abs(np.einsum("gia,a->gi", rows, unknowns)).max(initial=0.0)
         if not moved < MAX_DEFLECTION * p.height:
             break
-        rest = _at(p, beam, straight, guys, unknowns, load)
+        rest = _at(p, drag, straight, guys, unknowns, load)
         if np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) <= RTOL * p.height:
             check_buckling(rest)
             return rest
@@ -235,8 +224,13 @@ def check_buckling(rest: MastRest) -> None:
 
 
 def _at(
-    p: MastParameters, beam: Beam, bare: list[StaticGuy], guys: list[StaticGuy], unknowns: np.ndarray, load: np.ndarray
+    p: MastParameters,
+    drag: MastDrag,
+    bare: list[StaticGuy],
+    guys: list[StaticGuy],
+    unknowns: np.ndarray,
+    load: np.ndarray,
 ) -> MastRest:
     """Return mast and guys with given unknowns of the mast."""
-    statics = GuyStatics(guys, upper_ends(p, beam, unknowns))
-    return MastRest(p, beam, bare, guys, unknowns, statics.forces, statics.tensions, load, statics)
+    statics = GuyStatics(guys, upper_ends(p, drag.beam, unknowns))
+    return MastRest(p, drag.beam, bare, guys, unknowns, statics.forces, statics.tensions, load, drag, statics)

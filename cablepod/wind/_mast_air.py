@@ -47,7 +47,8 @@ class MastAir:
     mean: np.ndarray  #: mean velocity at the points (points, 3) [m/s]
     start: np.ndarray  #: steady velocity from which runs start, 0 with a ramp (points, 3) [m/s]
     density: float  #: of the air [kg/m3]
-    has_profile: bool  #: whether the mean is that of [wind]
+    has_profile: bool  #: whether the air at rest is that of [wind]
+    ramp: float = 0.0  #: time in which the wind rises [s]
 
     @property
     def guys(self) -> int:
@@ -58,6 +59,12 @@ class MastAir:
     def height(self) -> float:
         """Height of the mast [m]."""
         return float(self.positions[MAST_POINTS - 1, 1])
+
+    @property
+    def growth(self) -> np.ndarray:
+        """Factor of the ramp at the samples (samples,)."""
+        count = len(self.velocity)
+        return smooth_step(np.arange(count) / self.samples_per_second / self.ramp) if self.ramp else np.ones(count)
 
     def of_guys(self, velocity: np.ndarray) -> np.ndarray:
         """Return the part of the guys of velocities (..., points, 3): (..., guys, points, 3)."""
@@ -70,13 +77,14 @@ class MastAir:
         rates = [2.0 * drag_of(guy.p, self.density) * u / guy.p.mass for guy, u in zip(p.guys, speed, strict=True)]
         return float(max(rates, default=0.0))
 
-    def at_nodes(self, height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return velocities at heights of the mast in x and z (..., nodes, 2), linear between the points."""
-        place = height / self.height * (MAST_POINTS - 1)
-        left = np.minimum(place.astype(int), MAST_POINTS - 2)
-        share = (place - left)[:, None]
-        points = velocity[..., :MAST_POINTS, :][..., (0, 2)]
-        return np.ascontiguousarray((1.0 - share) * points[..., left, :] + share * points[..., left + 1, :])
+    def of_mast(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the part of the mast of velocities (..., points, 3), in x and z (..., points, 2)."""
+        return velocity[..., :MAST_POINTS, ::2]
+
+    def weights_at(self, height: np.ndarray) -> np.ndarray:
+        """Return the weights of the points of the mast at heights [m], linear between them (heights, points)."""
+        place = np.asarray(height)[:, None] / self.height * (MAST_POINTS - 1)
+        return np.maximum(0.0, 1.0 - np.abs(place - np.arange(MAST_POINTS)))
 
 
 def mast_air(p: MastParameters, end_time: float, given: xr.Dataset | None = None) -> MastAir | None:
@@ -112,6 +120,11 @@ def mast_air(p: MastParameters, end_time: float, given: xr.Dataset | None = None
 def mean_mast_air(p: MastParameters) -> MastAir | None:
     """Return the mean wind of a scene on a mast, 0 with a ramp; None in still air."""
     return mast_air(p if has_record(p) else replace(p, turbulence=None), 0.0)
+
+
+def has_ramp(p: MastParameters) -> bool:
+    """Tell whether the wind of a scene rises from still air; that of a given field does not."""
+    return p.wind is not None and bool(float(p.wind["ramp"]))
 
 
 class _Content:
@@ -182,7 +195,7 @@ def _of_field(content: _Content) -> MastAir:
     p, (rate, velocity, mean) = content.p, content.field
     position = mast_points(p)[0]
     profile = mean_velocity(p, position) if p.wind is not None else None
-    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9))
+    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9)) and not has_ramp(p)
     return MastAir(position, velocity, rate, mean, mean, density_of(p), has_profile)
 
 
@@ -209,11 +222,8 @@ def _ramped(p: MastParameters, air: MastAir) -> MastAir:
     ramp = float(p.wind["ramp"])
     if not ramp:
         return air
-    step = smooth_step(np.arange(len(air.velocity)) / air.samples_per_second / ramp)
-    velocity = air.velocity * step[:, None, None]
-    return MastAir(
-        air.positions, velocity, air.samples_per_second, air.mean, 0.0 * air.mean, air.density, air.has_profile
-    )
+    rising = replace(air, start=0.0 * air.mean, ramp=ramp)
+    return replace(rising, velocity=air.velocity * rising.growth[:, None, None])
 
 
 def _resampled(p: MastParameters, end_time: float, given: xr.Dataset, key: str) -> tuple[float, np.ndarray, np.ndarray]:

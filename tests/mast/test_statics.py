@@ -12,6 +12,7 @@ import cablepod as cp
 from cablepod.cli._mast import check_text
 from cablepod.errors import OutOfRangeWarning, SceneError
 from cablepod.mast._beam import beam_of
+from cablepod.mast._drag import drag_of_mast
 from cablepod.mast._guys import static_guys
 from cablepod.mast._statics import _at
 from cablepod.parameters._mast import mast_parameters
@@ -86,7 +87,8 @@ def test_a_guy_to_the_foot_of_the_mast_adds_no_stiffness_against_its_rotation():
     p = mast_parameters(scene)
     beam = beam_of(p)
     guys = static_guys(p)
-    rest = _at(p, beam, guys, guys, np.zeros(beam.count), np.zeros(beam.count))
+    drag = drag_of_mast(p, beam, None)
+    rest = _at(p, drag, guys, guys, np.zeros(beam.count), np.zeros(beam.count))
     rotation = np.zeros(beam.count)
     single = np.column_stack([beam.height, np.ones_like(beam.height)]).ravel()[beam.free]
     rotation[: single.size] = single

@@ -48,7 +48,8 @@ def test_a_given_field_is_the_wind_of_the_scene(scene, field, kind):
     # without labels points belong to mast and guys by their places: the mast has the one of the guys' ends too
     bare = field.drop_vars(["guy", "relative_arc_length"])
     placed = cp.mast.simulate(scene, guys=kind, wind=bare)
-    np.testing.assert_allclose(placed.guy_tension_std, own.guy_tension_std, rtol=5e-3)
+    # the mean is then linear between its points, without the drag of the profile near the ground
+    np.testing.assert_allclose(placed.guy_tension_std, own.guy_tension_std, rtol=1e-2)
 
 
 def test_a_mast_starts_at_rest_in_the_mean_of_a_field(scene, field):
@@ -59,8 +60,17 @@ def test_a_mast_starts_at_rest_in_the_mean_of_a_field(scene, field):
     expected = cp.mast.simulate(half)
     run = cp.mast.simulate(scene, wind=steady)
     assert float(np.ptp(run.displacement.values, axis=0).max()) < 1e-5 * float(abs(run.displacement).max())
-    np.testing.assert_allclose(run.displacement[0], expected.displacement[0], rtol=2e-3, atol=1e-9)
+    # a field is linear between its points, without the drag of the profile near the ground
+    np.testing.assert_allclose(run.displacement[0], expected.displacement[0], rtol=5e-3, atol=1e-9)
     np.testing.assert_allclose(run.guy_tension[0], expected.guy_tension[0], rtol=1e-3)
+
+
+def test_a_given_field_is_there_from_the_start_whatever_the_ramp(scene, field):
+    rising = small(lambda mapping: (windy(mapping), mapping.update(wind={**WIND, "ramp": 2.0})))
+    own, given = cp.mast.simulate(scene), cp.mast.simulate(rising, wind=field)
+    assert float(abs(own.displacement_mean).max()) > 0.01
+    np.testing.assert_allclose(given.displacement_mean, own.displacement_mean, rtol=5e-3, atol=1e-4)
+    np.testing.assert_allclose(given.guy_tension_std, own.guy_tension_std, rtol=1e-2)
 
 
 def test_a_record_is_a_given_field(scene, field, tmp_path):
@@ -96,9 +106,9 @@ def test_rest_with_a_record_is_in_the_mean_of_the_record(field, tmp_path):
         rest = cp.mast.rest(kept)
     assert rest.attrs["air"] == "mean wind of the record"
     expected, run = cp.mast.rest(half), cp.mast.simulate(kept, times=[0.0, 0.04])
-    # the field is linear between its points
-    np.testing.assert_allclose(rest.guy_tension, expected.guy_tension, rtol=1e-4)  # by wind.speed: 30 % less
-    np.testing.assert_allclose(rest.displacement, expected.displacement, rtol=2e-3, atol=1e-9)
+    # the field is linear between its points, without the drag of the profile near the ground
+    np.testing.assert_allclose(rest.guy_tension, expected.guy_tension, rtol=2e-4)  # by wind.speed: 30 % less
+    np.testing.assert_allclose(rest.displacement, expected.displacement, rtol=5e-3, atol=1e-9)
     np.testing.assert_array_equal(rest.displacement, run.displacement[0])
     np.testing.assert_array_equal(cp.summary(kept).guy_tension_mean_wind, rest.guy_tension)
     found, wanted = (cp.mast.frequencies(scene, count=4).angular_frequency for scene in (kept, half))
