@@ -136,7 +136,10 @@ def run(
 
 
 #: Heading of the envelopes.
-ENVELOPES = "envelopes of the mast: means of the storms' largest values, shear in the middle of elements"
+ENVELOPES = (
+    "envelopes of the mast: means of the storms' largest values, with their intervals in heights.csv; shear: the larger of both",
+    "ends of an element; least: the least axial force of all storms",
+)
 
 
 def _angles(given: str) -> list[float]:
@@ -177,7 +180,7 @@ def text(result: xr.Dataset) -> str:
         lines += ["", "displacement of the mast [m]", *_table(level_rows(result), (
             ("level [m]", "level [m]", "g", 1.0), *_WIND, ("displacement [m]", "peak", ".4f", 1.0), *_bounds("displacement", "m"),
         ))]  # fmt: skip
-        lines += ["", ENVELOPES, *_table(_by_spans(result), (
+        lines += ["", *ENVELOPES, *_table(_by_spans(result), (
             ("from [m]", "from [m]", "g", 1.0), ("to [m]", "to [m]", "g", 1.0),
             ("bending moment [N m]", "moment [kN m]", ".4g", 1e-3), ("shear [N]", "shear [kN]", ".4g", 1e-3),
             ("axial force [N]", "axial force [kN]", ".4g", 1e-3), ("least axial force [N]", "least [kN]", ".4g", 1e-3),
@@ -217,7 +220,7 @@ def _guys(result: xr.Dataset) -> list[str]:
         ("peak quantile [N]", "quantile", ".2f", 1e-3),
         ("utilisation [1]", "used [%]", ".1f", 100.0), ("force on the anchor [N]", "at anchor", ".2f", 1e-3),
         ("horizontal [N]", "horizontal", ".2f", 1e-3), ("uplift [N]", "uplift", ".2f", 1e-3),
-        ("slack storms", "slack storms", "d", 1.0),
+        ("slack storms", "slack storms", "d", 1.0), ("breaks [s]", "breaks [s]", "g", 1.0),
         ("damage in a year [1]", "damage/year", ".3g", 1.0), ("life [years]", "life [years]", ".3g", 1.0),
     ))  # fmt: skip
 
@@ -245,6 +248,7 @@ def _cases(result: xr.Dataset) -> list[str]:
     return _table(rows, (
         *_WIND, (line, line, "", 1.0), ("peak [N]", "peak [kN]", ".2f", 1e-3), ("displacement [m]", "displ. [m]", ".3f", 1.0),
         ("bending moment [N m]", "moment [kN m]", ".4g", 1e-3), ("buckling factor", "buckling", ".3g", 1.0),
+        ("buckling factor after break", "after break", ".3g", 1.0),
         ("failed storms", "failed", "d", 1), ("slack", "slack guys (storms)" if line == "guy" else "slack (storms)", "s", 1.0),
     ))  # fmt: skip
 
@@ -255,19 +259,26 @@ def _slack(result: xr.Dataset) -> list[str]:
         return []
     counts = result["slack_storms"].sum(("direction", "speed")).values.tolist()
     storms = int(np.prod([result.sizes[name] for name in ("direction", "speed", "storm")]))
-    names = [
-        f"guy {result['guy'].values[g]} at {float(result['guy_level'][g]):g} m towards {_towards(result, g)} "
-        f"({count} of {storms} storms)"
-        for g, count in enumerate(counts)
-        if count
+    names = [f"{_name(result, g)} ({count} of {storms} storms)" for g, count in enumerate(counts) if count]
+    return ["", "slack guys: " + ("; ".join(names) or "none"), *_broken(result)]
+
+
+def _broken(result: xr.Dataset) -> list[str]:
+    """Return the guys that break by name, with the time."""
+    if "guy_breaks" not in result.coords:
+        return []
+    times = result["guy_breaks"].values.tolist()
+    names = [f"{_name(result, g)} at {time:g} s" for g, time in enumerate(times) if math.isfinite(time)]
+    return [
+        f"broken guys: {'; '.join(names)}; they count as slack only before",
+        "buckling: of the mast with all guys; after break: without the broken ones, - where it then has no rest or falls",
     ]
-    return ["", "slack guys: " + ("; ".join(names) or "none")]
 
 
-def _towards(result: xr.Dataset, guy: int) -> str:
-    """Return the direction from the mast to the anchor of a guy."""
+def _name(result: xr.Dataset, guy: int) -> str:
+    """Return a guy by number, level and direction from the mast to its anchor."""
     x, _, z = result["anchor"][guy].values
-    return direction(x, z)
+    return f"guy {result['guy'].values[guy]} at {float(result['guy_level'][guy]):g} m towards {direction(x, z)}"
 
 
 def _table(rows: Sequence[Row], columns: Sequence[Column]) -> list[str]:

@@ -62,9 +62,11 @@ def check_text(scene: xr.Dataset) -> str:
     lines = [f"  {'rest':<28}{numbers.attrs['air']}"] if windy else []
     for text, name in (
         ("axial force at the foot", "axial_force_foot"), ("critical factor of buckling", "buckling_factor"),
-        ("largest displacement", "displacement_largest"), ("largest bending moment", "bending_moment_largest"),
-        ("first frequencies", "frequency"),
+        ("  without guys that break", "buckling_factor_after_break"), ("largest displacement", "displacement_largest"),
+        ("largest bending moment", "bending_moment_largest"), ("first frequencies", "frequency"),
     ):  # fmt: skip
+        if name not in numbers:
+            continue
         for number, (ending, state) in enumerate(states.items()):
             values = _printed(numbers[f"{name}{ending}"])
             lines.append(f"  {'' if number else text:<28}{state:<11}{values}")
@@ -114,6 +116,7 @@ def text(study: xr.DataTree, folder: Path) -> str:
         str(study.attrs["title"]),
         "",
         f"at rest      critical factor of buckling {factor}, in {rest.attrs['air']}",
+        *_after_break(rest),
         f"frequencies  {'  '.join(f'{value:.4g}' for value in found['frequencies_hertz'])} Hz, with the guys",
     ]
     of_mast = "  ".join(f"{value:.4g}" for value in found["frequencies_of_the_mast_hertz"])
@@ -138,6 +141,20 @@ def text(study: xr.DataTree, folder: Path) -> str:
             line += f"{100.0 * row['utilisation']:>6.1f} %"
         lines.append(line)
     return "\n".join([*lines, "", files_text(folder, FIGURES)])
+
+
+def _after_break(rest: Any) -> list[str]:
+    """Return a line with the critical factor of buckling without the guys that break, and these; none where no guy does."""
+    if "buckling_factor_after_break" not in rest:
+        return []
+    factor = float(rest["buckling_factor_after_break"])
+    names = ", ".join(
+        f"guy {guy} at {time:g} s"
+        for guy, time in zip(rest["guy"].values.tolist(), rest["guy_breaks"].values.tolist(), strict=True)
+        if math.isfinite(time)
+    )
+    left = f"{factor:.3g}" if math.isfinite(factor) else "no rest, the mast falls,"
+    return [f"             that is with all guys; {left} without those that break, {names}"]
 
 
 def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:

@@ -27,6 +27,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "node_height": ("m", "height of the node"),
     "guy": ("1", "number of the guy, table by table"),
     "guy_level": ("m", "height at which the guy is fastened to the mast"),
+    "guy_breaks": ("s", "time at which the guy breaks, infinite where it does not"),
     "table": ("1", "number of the table of the guy in the scene"),
     "anchor": ("m", "position of the anchor"),
     "displacement": ("m", "displacement of the mast from its straight state"),
@@ -47,6 +48,10 @@ NAMES: dict[str, tuple[str, str]] = {
     "anchor_force": ("N", "force of the guy on its anchor"),
     "axial_force": ("N", "axial force of the mast, compression positive, mean of both sides of the node"),
     "buckling_factor": ("1", "factor of the axial force at which the mast buckles, the stiffness of the guys kept"),
+    "buckling_factor_after_break": (
+        "1",
+        "the same for the mast without the guys that break, nan where it then has no rest or falls",
+    ),
     "angular_frequency": ("rad s-1", "angular frequency of small vibrations about rest"),
     "mode_shape": ("1", "displacement of the mast in the mode, of unit largest value of mast or guys"),
     "mast_share": ("1", "share of the mast in the kinetic energy of the mode"),
@@ -103,6 +108,8 @@ def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Map
         coords["guy"] = np.arange(1, len(p.guys) + 1)
         coords["guy_level"] = ("guy", p.given_heights(np.array([guy.level for guy in p.guys])))
         coords["table"] = ("guy", np.array([guy.table for guy in p.guys]))
+        if any(guy.breaks is not None for guy in p.guys):
+            coords["guy_breaks"] = ("guy", np.array([np.inf if guy.breaks is None else guy.breaks for guy in p.guys]))
     return coords
 
 

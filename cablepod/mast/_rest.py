@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,13 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import ENDS
+from cablepod.errors import SceneError
 from cablepod.mast._envelopes import spatial
 from cablepod.mast._output import dataset, nodes_of
 from cablepod.mast._sections import foot_force
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
-from cablepod.parameters._mast import mast_parameters
+from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
@@ -37,7 +39,8 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
         coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``shear_force
         (element, end, coordinate)`` [N], ``axial_force (node)`` [N, compression, mean of both sides], ``axial_compression
         (element)`` [N, at its lower end], ``foot_force (coordinate)`` and ``anchor_force (guy, coordinate)`` [N] on the
-        foundations, ``buckling_factor``.
+        foundations, ``buckling_factor`` of the mast with all guys, and where some break ``buckling_factor_after_break`` of the
+        mast without these.
 
     Raises
     ------
@@ -87,6 +90,8 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
         "axial_force": (("node",), 0.5 * (sides[0] + sides[1])),
         "buckling_factor": ((), found.buckling_factor),
     }
+    if any(guy.breaks is not None for guy in p.guys):
+        variables["buckling_factor_after_break"] = ((), _factor_after_break(p))
     if p.guys:
         variables |= {
             "guy_tension": (("guy",), found.tension[:, 1]),
@@ -100,3 +105,12 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     result = dataset(p, variables, coords)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest", air=air_at_rest(p))
     return provenance.record(result, function="mast.rest", parameters={}, inputs=[scene])
+
+
+def _factor_after_break(p: MastParameters) -> float:
+    """Return the critical factor of buckling of the mast at rest without the guys that break; nan where it falls."""
+    left = replace(p, guys=tuple(guy for guy in p.guys if guy.breaks is None))
+    try:
+        return rest_in(left, mean_mast_air(left)).buckling_factor
+    except SceneError:
+        return np.nan

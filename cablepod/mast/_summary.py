@@ -51,13 +51,13 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``axial_force_foot`` [N], ``buckling_factor``, ``displacement_largest`` [m], ``bending_moment_largest`` [N m],
-        ``angular_frequency (mode)`` [rad/s], ``frequency (mode)`` [Hz], ``mast_share (mode)``; of the guys ``guy_length`` [m],
-        ``guy_tension``, ``guy_tension_anchor (guy)`` [N], where given ``tension_over_breaking_strength (guy)``.  ``note`` is a
-        text with a line for each note; empty for a usual mast.  Rest is in the mean wind of the scene, with ``wind.ramp`` in the
-        still air from which the wind rises; the attribute ``air`` says which.  Where the scene has wind, the numbers in still air
-        and in its mean wind stand side by side, with the endings ``_still_air`` and ``_mean_wind`` (nan where a mast with a ramp
-        finds no rest in the full wind).
+        ``axial_force_foot`` [N], ``buckling_factor``, where guys break also ``buckling_factor_after_break``,
+        ``displacement_largest`` [m], ``bending_moment_largest`` [N m], ``angular_frequency (mode)`` [rad/s], ``frequency
+        (mode)`` [Hz], ``mast_share (mode)``; of the guys ``guy_length`` [m], ``guy_tension``, ``guy_tension_anchor (guy)`` [N],
+        where given ``tension_over_breaking_strength (guy)``.  ``note`` is a text with a line for each note; empty for a usual
+        mast.  Rest is in the mean wind of the scene, with ``wind.ramp`` in the still air from which the wind rises; the
+        attribute ``air`` says which.  Where the scene has wind, the numbers in still air and in its mean wind stand side by
+        side, with the endings ``_still_air`` and ``_mean_wind`` (nan where a mast with a ramp finds no rest in the full wind).
 
     Raises
     ------
@@ -115,6 +115,7 @@ def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str
     variables = {
         "axial_force_foot": xr.Variable((), float(at_rest["axial_force"][0])),
         "buckling_factor": at_rest["buckling_factor"].variable,
+        **{name: at_rest[name].variable for name in ("buckling_factor_after_break",) if name in at_rest},
         "displacement_largest": xr.Variable((), float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())),
         "bending_moment_largest": xr.Variable(
             (), float(np.linalg.norm(at_rest["bending_moment"].values, axis=-1).max())

@@ -52,7 +52,8 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         `ax`, or new ones, with a colour for each table of guys and a line for each guy.  The legend tells its level where the
         run has ``guy_level``, and where it has ``anchor (guy, coordinate)`` [m], as :func:`cablepod.mast.rest` gives it, the
-        direction of the anchor from the mast: the angle from +x towards +z.
+        direction of the anchor from the mast: the angle from +x towards +z.  A line and a word mark where a guy breaks, at
+        ``guy_breaks (guy)`` [s].
 
     Raises
     ------
@@ -74,7 +75,28 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         colour, line = COLOURS[int(table - 1) % len(COLOURS)], LINES[number % len(LINES)]
         ax.plot(time, tension[:, g], color=colour, linestyle=line, linewidth=0.8, label=names[g])
     ax.set(xlabel="time [s]", ylabel="tension at the mast [kN]")
+    _mark_breaks(ax, run)
     return _style.finish(ax, fontsize="small")
+
+
+def _mark_breaks(ax: Axes, run: xr.Dataset) -> None:
+    """Mark the times at which guys break within a run."""
+    if "guy_breaks" not in run or not run.sizes["time"]:
+        return
+    breaks = _numbers("run", run, "guy_breaks", ("guy",), TENSIONS).values
+    start, end = float(run["time"].values.min()), float(run["time"].values.max())
+    times = np.unique(breaks[(breaks >= start) & (breaks <= end)])
+    if times.size:
+        ax.set_ymargin(0.12)  # room for the words
+    for time in times.tolist():
+        guys = np.flatnonzero(breaks == time) + 1
+        what = f"guy {guys[0]} breaks" if guys.size == 1 else f"guys {', '.join(map(str, guys))} break"
+        ax.axvline(time, color="0.3", linewidth=0.8, linestyle=":")
+        late = time > 0.5 * (start + end)
+        ax.annotate(
+            what, (time, 0.98), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 0), textcoords="offset points",
+            ha="right" if late else "left", va="top", fontsize="small", color="0.3",
+        )  # fmt: skip
 
 
 def _names_of_guys(run: xr.Dataset) -> list[str]:
@@ -149,7 +171,8 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones: shapes side by side, each in its direction of largest displacement, height [m] up.
+        `ax`, or new ones: shapes side by side, by rising frequency, each in its direction of largest displacement and drawn to
+        the same width, height [m] up.
 
     Raises
     ------
@@ -176,7 +199,10 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
         ax.plot(2.0 * place + 0.9 * across / max(float(np.abs(across).max()), 1e-300), height, color=COLOURS[0])
         ticks.append(f"{omega[mode] / (2.0 * np.pi):.4g}")
     ax.set_xticks(2.0 * np.arange(len(chosen)), ticks)
-    ax.set(xlabel="frequency [Hz], most of the mast", ylabel="height [m]")
+    ax.set(
+        xlabel="frequency [Hz], not to scale: modes with most of the mast side by side\neach shape to the same width",
+        ylabel="height [m]",
+    )
     return ax
 
 

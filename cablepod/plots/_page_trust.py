@@ -116,8 +116,15 @@ def _of_members(dataset: xr.Dataset) -> Iterator[str]:
 
 
 def _slack(dataset: xr.Dataset, variable: str, what: str) -> Iterator[str]:
-    """Yield a line for links or guys that are slack at times."""
+    """Yield a line for links or guys that are slack at times, and one for guys that break, which have no tension afterwards."""
     slack = dataset[variable] <= 0.0
+    if "guy" in slack.dims and "guy_breaks" in dataset.coords:
+        breaks = dataset["guy_breaks"]
+        slack = slack & ~np.isfinite(breaks)
+        if breaks.dims == ("guy",):
+            broken = breaks[np.isfinite(breaks)]
+            times = zip(broken["guy"].values.tolist(), broken.values.tolist(), strict=True)
+            yield "broken: " + ", ".join(f"guy {guy} at {time:g} s" for guy, time in times)
     if not bool(slack.any()):
         return
     if what == "guy" and slack.dims == ("guy",):

@@ -78,11 +78,12 @@ def design(
     -------
     xarray.Dataset
         Over ``direction``, ``speed`` and ``storm`` the extremes of :func:`cablepod.mast.simulate` and its envelopes; over
-        ``direction`` and ``speed`` their mean over the storms, with the ending ``_peak``, of tensions, displacements and
-        reactions from three storms on also its interval (``_peak_low``, ``_peak_high``) and a quantile of the largest values
-        (``_quantile``, ``_quantile_low``, ``_quantile_high``), as of :func:`cablepod.extremes.peaks`; ``utilisation (direction,
-        speed, guy)``; ``governing_direction``, ``governing_speed (guy)`` of the largest peak of the tension; ``slack_storms``,
-        the number of storms in which the guy is slack; ``buckling_factor (direction, speed)`` in the mean wind; with `shares`
+        ``direction`` and ``speed`` their mean over the storms, with the ending ``_peak``, from three storms on also its interval
+        (``_peak_low``, ``_peak_high``) and a quantile of the largest values (``_quantile``, ``_quantile_low``,
+        ``_quantile_high``), as of :func:`cablepod.extremes.peaks`; ``utilisation (direction, speed, guy)``;
+        ``governing_direction``, ``governing_speed (guy)`` of the largest peak of the tension; ``slack_storms``, the number of
+        storms in which the guy is slack before it breaks; ``buckling_factor (direction, speed)`` in the mean wind, and where
+        guys break ``buckling_factor_after_break`` without these, beside the coordinate ``guy_breaks (guy)`` [s]; with `shares`
         ``damage`` of a storm, ``damage_per_year (guy)`` and ``fatigue_life (guy)`` [years]; ``failure`` says why a storm failed.
         Of one guy its ends take the place of the guys, and there is no mast.
 

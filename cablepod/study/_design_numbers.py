@@ -53,8 +53,7 @@ class Kind:
     model: str
     line: str  #: dimension of the lines with tensions: guys of a mast, ends of one guy
     tension: str  #: the base of the names of tensions
-    peaks: Mapping[str, str]  #: number of each storm -> name of its peaks, with intervals
-    means: Mapping[str, str]  #: the same without intervals
+    peaks: Mapping[str, str]  #: number of each storm -> name of its peaks
     always: str  #: number that all storms have
     least_force: str  #: number that is not above 0 where a guy is slack
 
@@ -134,8 +133,6 @@ MAST = Kind(
         "guy_tension_maximum": "guy_tension", "displacement_largest": "displacement", "anchor_force_largest": "anchor_force",
         "anchor_force_horizontal_largest": "anchor_force_horizontal", "anchor_uplift_maximum": "anchor_uplift",
         "foot_force_horizontal_largest": "foot_force_horizontal", "foot_force_vertical_maximum": "foot_force_vertical",
-    },
-    means={
         "bending_moment_largest": "bending_moment", "shear_force_largest": "shear_force",
         "axial_compression_maximum": "axial_compression",
     },
@@ -143,7 +140,7 @@ MAST = Kind(
     least_force="guy_axial_force_minimum",
 )  # fmt: skip
 CABLE = Kind(
-    "condensed", "end", "tension", peaks={"tension_maximum": "tension"}, means={}, always="tension_maximum",
+    "condensed", "end", "tension", peaks={"tension_maximum": "tension"}, always="tension_maximum",
     least_force="axial_force_minimum",
 )  # fmt: skip
 
@@ -201,12 +198,11 @@ def joined(parts: list[xr.Dataset], kind: Kind) -> xr.Dataset:
 def with_peaks(result: xr.Dataset, kind: Kind, level: float) -> xr.Dataset:
     """Return the numbers with their peaks over the storms, utilisation, the governing case, and slack storms."""
     result = _with_verticals(result) if kind is MAST else result
-    for number, name in {**kind.peaks, **kind.means}.items():
+    for number, name in kind.peaks.items():
         if number not in result:
             continue
         values = result[number]
-        found = _statistics(values, level) if number in kind.peaks else {"mean": values.mean("storm", skipna=False)}
-        for statistic, numbers in found.items():
+        for statistic, numbers in _statistics(values, level).items():
             ending, text = STATISTICS[statistic]
             labels = {"units": values.attrs["units"], "long_name": f"{text} {values.attrs['long_name']}"}
             result[name + ending] = numbers.assign_attrs(labels)
@@ -261,10 +257,11 @@ def with_rest(result: xr.Dataset, kind: Kind, rest: Callable[[], xr.Dataset]) ->
         return result
     found = rest()
     sizes = (result.sizes["direction"], result.sizes["speed"])
-    units, text = MAST_NAMES["buckling_factor"]
-    factors = found["buckling_factor"].values.reshape(sizes)
-    labels = {"units": units, "long_name": f"{text}, at rest in the mean wind"}
-    result["buckling_factor"] = (("direction", "speed"), factors, labels)
+    for name in ("buckling_factor", "buckling_factor_after_break"):
+        if name in found:
+            units, text = MAST_NAMES[name]
+            labels = {"units": units, "long_name": f"{text}, at rest in the mean wind"}
+            result[name] = (("direction", "speed"), found[name].values.reshape(sizes), labels)
     if "anchor" in found:
         anchor = found["anchor"]
         anchor = anchor.isel(member=0, drop=True) if "member" in anchor.dims else anchor

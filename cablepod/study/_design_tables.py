@@ -46,6 +46,9 @@ def guy_rows(result: xr.Dataset) -> list[Row]:
                 row[heading] = float(own[name].max())  # each in its own governing case
         if "slack_storms" in own:
             row["slack storms"] = int(own["slack_storms"].sum())
+        if "guy_breaks" in own:
+            time = float(own["guy_breaks"])
+            row["breaks [s]"] = time if math.isfinite(time) else math.nan
         for name, heading in (("damage_per_year", "damage in a year [1]"), ("fatigue_life", "life [years]")):
             if name in own:
                 row[heading] = float(own[name])
@@ -54,20 +57,28 @@ def guy_rows(result: xr.Dataset) -> list[Row]:
 
 
 def height_rows(result: xr.Dataset) -> list[Row]:
-    """Return a row for each element of the mast with envelopes over all directions and speeds [SI]; none of one guy."""
+    """Return a row for each element of the mast with envelopes over all directions and speeds [SI]; none of one guy.
+
+    Moments are those of the end, and peaks with their intervals those of the case, in which they are largest.  The least axial
+    force is that of all storms.
+    """
     if "element" not in result.dims:
         return []
-    moment, shear = _over_cases(result["bending_moment_peak"]), _over_cases(result["shear_force_peak"])
-    axial = _over_cases(result["axial_compression_peak"])
     least = result["axial_compression_minimum"].min(("direction", "speed", "storm")).values
-    return [
-        {
-            "from [m]": float(result["element_bottom"][e]), "to [m]": float(result["element_top"][e]),
-            "bending moment [N m]": float(max(moment[e], moment[e + 1])), "shear [N]": float(shear[e]),
-            "axial force [N]": float(axial[e]), "least axial force [N]": float(least[e]),
-        }
-        for e in range(result.sizes["element"])
-    ]  # fmt: skip
+    moments = {name: values for name, values in result.data_vars.items() if "node" in values.dims}
+    rows = []
+    for e in range(result.sizes["element"]):
+        row: Row = {"from [m]": float(result["element_bottom"][e]), "to [m]": float(result["element_top"][e])}
+        at_ends = xr.Dataset(moments).isel(node=[e, e + 1])
+        end = int(at_ends["bending_moment_peak"].max(("direction", "speed")).fillna(-np.inf).values.argmax())
+        own = result.drop_dims("node").isel(element=e)
+        for of, base, heading, unit in (
+            (at_ends.isel(node=end), "bending_moment", "bending moment", "N m"), (own, "shear_force", "shear", "N"),
+            (own, "axial_compression", "axial force", "N"),
+        ):  # fmt: skip
+            row |= _statistics(_governing(of, of[f"{base}_peak"]), base, heading, unit)
+        rows.append(row | {"least axial force [N]": float(least[e])})
+    return rows
 
 
 def level_rows(result: xr.Dataset) -> list[Row]:
@@ -94,8 +105,8 @@ def foot_rows(result: xr.Dataset) -> list[Row]:
         if float(case["bending_moment_peak"].isel(node=0)) > 1e-6 * float(
             result["bending_moment_peak"].max()
         ):  # clamped
-            moment = float(case["bending_moment_peak"].isel(node=0))
-            rows.append({"force on the foundation": "moment [N m]", **_wind(case), "force [N]": moment})
+            numbers = _statistics(case.isel(node=0), "bending_moment", "force", "N")
+            rows.append({"force on the foundation": "moment [N m]", **_wind(case), **numbers})
     return rows
 
 
@@ -118,6 +129,8 @@ def case_rows(result: xr.Dataset) -> list[Row]:
                 row["bending moment [N m]"] = float(case["bending_moment_peak"].max())
             if "buckling_factor" in case:
                 row["buckling factor"] = float(case["buckling_factor"])
+            if "buckling_factor_after_break" in case:
+                row["buckling factor after break"] = float(case["buckling_factor_after_break"])
             if "slack_storms" in case:
                 row |= {"slack": slack_lines(case)}
             row["failed storms"] = int((case["failure"] != "").sum())
@@ -175,11 +188,6 @@ def _statistics(case: xr.Dataset, base: str, heading: str, unit: str) -> Row:
 
 def _wind(case: xr.Dataset) -> Row:
     return {"wind [deg]": degrees(float(case["direction"])), "speed [m/s]": float(case["speed"])}
-
-
-def _over_cases(peaks: xr.DataArray) -> np.ndarray:
-    """Return the largest of all directions and speeds."""
-    return np.asarray(peaks.max(("direction", "speed")).values)
 
 
 def _governing(result: xr.Dataset, peaks: xr.DataArray) -> xr.Dataset:

@@ -18,6 +18,7 @@ from cablepod import cli
 from cablepod.archive import _lineage
 from cablepod.cli._design import text
 from cablepod.study._design_numbers import CABLE, joined
+from cablepod.study._design_tables import write_tables
 
 PI = np.pi
 #: An S-N curve: exponent, range at two million cycles [Pa].
@@ -133,6 +134,68 @@ def test_steady_wind_gives_the_forces_of_rest():
     assert float(own.foot_force_vertical_peak) == pytest.approx(-float(rest.foot_force[1]), rel=1e-6)
     assert float(own.buckling_factor) == float(rest.buckling_factor)
     assert "guy_tension_peak_low" not in table  # one storm has no scatter
+
+
+def broken(mapping):
+    """Four guys, of which the second breaks after three seconds, and a lower level."""
+    windy(mapping)
+    mapping["guy"][0].update(count=4, breaks=3.0, breaks_number=2)
+    mapping["guy"].append({**mapping["guy"][0], "level": 15.0, "count": 3})
+    for key in ("breaks", "breaks_number"):
+        del mapping["guy"][1][key]
+
+
+def test_a_guy_that_breaks_is_named_and_not_slack(tmp_path):
+    table = cp.study.design(small(broken), directions=[0.0], speeds=[15.0, 20.0], storms=3, out=tmp_path / "broken")
+    assert table.guy_breaks.values.tolist() == [np.inf, 3.0, *[np.inf] * 5]
+    assert float(table.guy_tension_minimum.sel(guy=2).max()) == 0.0
+    np.testing.assert_array_equal(table.slack_storms.sel(guy=2), 0)  # its tension was above 3 kN until it broke
+    assert float(table.guy_axial_force_minimum.sel(guy=2).min()) > 3e3
+    without = small(lambda mapping: (broken(mapping), mapping["guy"].pop(0), mapping["guy"].extend(three(mapping))))
+    for s, speed in enumerate((15.0, 20.0)):
+        alone = cp.mast.rest(without.assign(wind_speed=without.wind_speed.copy(data=speed)))
+        assert float(table.buckling_factor_after_break[0, s]) == pytest.approx(float(alone.buckling_factor), rel=1e-9)
+    assert float(abs(table.buckling_factor_after_break / table.buckling_factor - 1.0).min()) > 0.1
+    printed = text(table)
+    assert "broken guys: guy 2 at 28 m towards 90 deg at 3 s" in printed
+    assert "guy 2" not in printed.split("slack guys: ")[1].splitlines()[0]
+    rows = table_of(tmp_path / "broken" / "guys.csv")
+    assert [row["breaks [s]"] for row in rows] == ["nan", "3", *["nan"] * 5]
+    page = cp.plots.report({"design": table}, tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "broken: guy 2 at 3 s" in page
+    assert "slack at times" not in page or "guy 2" not in page.split("slack at times")[1].split("<")[0]
+
+
+def three(mapping):
+    """The guys of the upper level that do not break, one by one."""
+    own = {**mapping["guy"][0], "level": 28.0}
+    for key in ("radius", "count", "direction"):
+        del own[key]
+    return [{**own, "anchor": anchor} for anchor in ([20.0, 0.0, 0.0], [-20.0, 0.0, 0.0], [0.0, 0.0, -20.0])]
+
+
+def test_envelopes_have_the_intervals_of_peaks(table, tmp_path):
+    for number, name in (
+        ("bending_moment_largest", "bending_moment"), ("shear_force_largest", "shear_force"),
+        ("axial_compression_maximum", "axial_compression"),
+    ):  # fmt: skip
+        found = cp.extremes.peaks(table[number], dim="storm", level=0.9)
+        for statistic, ending in (("mean", "peak"), ("mean_low", "peak_low"), ("quantile_high", "quantile_high")):
+            np.testing.assert_allclose(table[f"{name}_{ending}"], found[statistic], rtol=1e-12)
+    write_tables(tmp_path, table)
+    row = table_of(tmp_path / "heights.csv")[3]
+    case = table.shear_force_peak[..., 3].argmax(("direction", "speed"))
+    for heading, name in (("", "peak"), (" low", "peak_low"), (" quantile high", "quantile_high")):
+        assert float(row[f"shear{heading} [N]"]) == pytest.approx(
+            float(table[f"shear_force_{name}"][..., 3].isel(case)), rel=1e-9
+        )
+    moments = table.bending_moment_peak.max(("direction", "speed"))
+    assert float(row["bending moment [N m]"]) == pytest.approx(float(moments[3:5].max()), rel=1e-9)
+    assert (
+        float(row["bending moment low [N m]"])
+        < float(row["bending moment [N m]"])
+        < float(row["bending moment high [N m]"])
+    )
 
 
 def test_a_window_leaves_out_the_start():
