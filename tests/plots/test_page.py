@@ -190,6 +190,21 @@ def test_a_mast_has_the_figures_of_its_guys_and_modes(page):
     assert any("shapes of vibration" in caption for caption in captions)
 
 
+def test_pictures_of_a_mast_mark_what_breaks_and_what_is_not_to_scale():
+    run, frequencies = datasets()["mast run"], datasets()["mast frequencies"]
+    first, last = float(run.time[0]), float(run.time[-1])
+    breaks = np.full(run.sizes["guy"], np.inf)
+    axes = cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks)))
+    assert not axes.texts
+    breaks[1] = first + 0.75 * (last - first)
+    axes = cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks)))
+    assert [text.get_text() for text in axes.texts] == ["guy 2 breaks"]
+    assert any(list(line.get_xdata()) == [breaks[1]] * 2 for line in axes.lines)
+    breaks[1] = last + 1.0  # after the run
+    assert not cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks))).texts
+    assert "not to scale" in cp.plots.mast_shapes(frequencies).get_xlabel()
+
+
 @pytest.mark.parametrize(
     "name", ["catenary", "modes", "orbit", "response", "free", "map", "gusts", "members", "comparison"]
 )
