@@ -20,6 +20,8 @@ FREQUENCIES = 6
 #: What the column of directions tells.
 TOWARDS = "towards: angle from +x towards +z of the anchor, seen from the mast"
 _, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
+#: What stands in place of the factor of buckling of a mast that falls when guys break.
+NO_REST = "none: the mast falls"
 
 
 def answers(study: xr.DataTree) -> dict[str, Any]:
@@ -69,6 +71,8 @@ def check_text(scene: xr.Dataset) -> str:
             continue
         for number, (ending, state) in enumerate(states.items()):
             values = _printed(numbers[f"{name}{ending}"])
+            if name == "buckling_factor_after_break" and values == "nan":
+                values = NO_REST
             lines.append(f"  {'' if number else text:<28}{state:<11}{values}")
     ends = {"guy_tension_anchor": "anchor [kN]", "guy_tension": "mast [kN]"}
     lines.append("")
@@ -153,7 +157,7 @@ def _after_break(rest: Any) -> list[str]:
         for guy, time in zip(rest["guy"].values.tolist(), rest["guy_breaks"].values.tolist(), strict=True)
         if math.isfinite(time)
     )
-    left = f"{factor:.3g}" if math.isfinite(factor) else "no rest, the mast falls,"
+    left = f"{factor:.3g}" if math.isfinite(factor) else NO_REST
     return [f"             that is with all guys; {left} without those that break, {names}"]
 
 

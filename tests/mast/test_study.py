@@ -8,6 +8,7 @@ from mast_scenes import WIND, small
 
 import cablepod as cp
 from cablepod.archive import _lineage as lineage
+from cablepod.cli._mast import check_text
 from cablepod.errors import ArchiveError
 
 
@@ -64,3 +65,20 @@ def test_spectra_of_tensions_are_drawn():
     run = cp.mast.simulate(small())
     ax = cp.plots.spectra(run.guy_tension.isel(guy=0), run.displacement.isel(level=-1, coordinate=0), segments=2)
     assert len(ax.lines) >= 2
+
+
+def test_buckling_after_a_break_is_told():
+    def breaking(mapping, levels):
+        mapping["guy"] = [{**mapping["guy"][0], "count": 4, "level": level} for level in levels]
+        mapping["guy"][0].update(breaks=1.0, breaks_number=2)
+
+    for levels, falls in (((28.0, 15.0), False), ((28.0,), True)):
+        scene = small(lambda mapping, levels=levels: breaking(mapping, levels))
+        rest = cp.mast.rest(scene)
+        factor = float(rest.buckling_factor_after_break)
+        assert np.isnan(factor) == falls
+        (line,) = [line for line in check_text(scene).splitlines() if "without guys that break" in line]
+        assert line.endswith("none: the mast falls" if falls else f" {factor:.4g}")
+        assert not 0.95 * float(rest.buckling_factor) < factor
+    assert "buckling_factor_after_break" not in cp.mast.rest(small())
+    assert "without guys" not in check_text(small())
