@@ -1,0 +1,1 @@
+"""A viscous damper on a stay: constants, sag, amplitude."""
