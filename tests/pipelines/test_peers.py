@@ -11,6 +11,7 @@ import xarray as xr
 from benchmarks.peers import run as peers
 from benchmarks.peers import solvers as peer_solvers
 from benchmarks.peers import system as peer_system
+from benchmarks.peers import things
 from scenes import SOFT
 
 import cablepod as cp
@@ -190,3 +191,47 @@ def table_of_one(missing="", failure=""):
         },
         attrs={"versions": "none", "machine": "any", "missing": missing},
     )  # fmt: skip
+
+
+# --- things on the cable ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", things.SCENES)
+def test_links_with_things_are_those_of_the_chain(kind):
+    chain = cp.chain.rest(things.scene(kind, 20))
+    own = things.hanging(kind, chain.position.values)
+    np.testing.assert_allclose(own.mass[1:-1], chain.particle_mass.values[1:-1], rtol=1e-13)
+    np.testing.assert_allclose(own.tension(chain.position.values[None]), chain.tension.values[-1:], rtol=1e-9)
+    # rest: the links of each particle carry its weight
+    reach = np.diff(own.start, axis=0)
+    size = np.linalg.norm(reach, axis=1)
+    pull = (own.stiffness * (size * own.links / things.LENGTH - 1.0) / size)[:, None] * reach
+    weight = things.GRAVITY * own.mass[1:-1, None] * [0.0, 1.0]
+    np.testing.assert_allclose(np.diff(pull, axis=0), weight, atol=1e-8 * np.abs(pull).max())
+
+
+def test_end_of_the_things_moves_as_in_the_scene():
+    times = np.linspace(0.0, things.END, 41)
+    run = cp.chain.simulate(things.scene("two segments", 5), times=times, step=1e-3)
+    np.testing.assert_allclose(run.position.values[:, -1, 0], things.SPAN + things.upper(times), rtol=1e-14)
+
+
+def test_links_that_do_not_end_at_the_place_are_refused():
+    with pytest.raises(ValueError, match="links: given 7; allowed: a multiple of 5"):
+        things.hanging("clump weight", np.zeros((8, 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("module", "name"), [("moordyn", "MoorDyn"), ("openseespy.opensees", "OpenSees")])
+@pytest.mark.parametrize("kind", things.SCENES)
+def test_things_move_as_in_other_packages(kind, module, name):
+    pytest.importorskip(module)
+    chain, cable = things.runs(kind, 20)
+    given = things.hanging(kind, chain.position.values[0])
+    with peer_solvers.quiet():
+        position = things.PROGRAMS[name](given)
+    found = things.differences(chain, position, given.tension(position))
+    # the end of MoorDyn moves by steps of 1 ms, Newmark's step is 2.5 ms: (1.5 * 2.5e-3)^2 / 12 of the slow motion, more of waves
+    assert found[0] < 1e-4
+    assert found[1] < 2e-3
+    assert things.differences(cable, position, given.tension(position))[0] > 100.0 * found[0]
