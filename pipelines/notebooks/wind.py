@@ -118,5 +118,51 @@ for tension in (10000.0, 20000.0) if SMALL else (7500.0, 10000.0, 15000.0, 20000
 # Pretension lowers the fatigue range, fourfold from 7.5 to 30 kN, and raises the peak. Ice of 15 mm makes the guy nearly three
 # times as thick and twice as heavy: its fatigue range is two to five times that of the bare guy.
 #
+# ## An insulator in the guy
+#
+# Guys of broadcast masts carry insulators: 60 kg between two ropes. On a guy of 100 m, what does one do to frequencies, peak and
+# fatigue range, and where does it matter? `[[attachment]]` puts it at its place; chains of 40 links have the same gusts, four
+# seeds of them.
+
+# %%
+LONG = {**GUY, "ends": {"lower": [0.0, 0.0, 0.0], "upper": [60.0, 80.0, 0.0]}}
+PLACES = {"without": None, "10 m above the anchor": 10.0, "in the middle": 50.0, "10 m below the mast": 90.0}
+
+def with_insulator(place, seed=1):
+    """Scene of the long guy in gusts of a seed, with an insulator at a place [m] from the anchor."""
+    insulator = {} if place is None else {"attachment": [{"distance_from_lower": place, "mass": 60.0}]}
+    return cp.make_scene({**LONG, "wind": {**ALONG, "turbulence": {"spectrum": "kaimal", "seed": seed}}, **insulator})
+
+
+for name, place in PLACES.items():
+    hertz = cp.cable.frequencies(with_insulator(place), count=5, law="linear").angular_frequency.values / (2.0 * np.pi)
+    print(f"{name:22}: first frequencies {hertz.round(2)} Hz")
+
+# %%
+def in_storms(place):
+    """Tensions at the top, one for each seed, without the start."""
+    scenes = [with_insulator(place, seed) for seed in ((1,) if SMALL else (1, 2, 3, 4))]
+    chains = [cp.chain.simulate(scene, scheme="trapezoidal", step=0.01, outputs=("tension",)) for scene in scenes]
+    return [chain.tension.isel(link=-1).sel(time=slice(0.05 * DURATION, None)) for chain in chains]
+
+
+storms = {name: in_storms(place) for name, place in PLACES.items()}
+peaks, sizes = {}, {}
+for name, series in storms.items():
+    peaks[name] = np.mean([float(top.max()) for top in series])
+    sizes[name] = np.mean([float(cp.fatigue.equivalent(top, exponent=4)) for top in series])
+    more = [100.0 * (values[name] / values["without"] - 1.0) for values in (peaks, sizes)]
+    print(f"{name:22}: peak {peaks[name]:.0f} N ({more[0]:+.0f} %), fatigue {sizes[name]:.0f} N ({more[1]:+.0f} %)")
+
+# %%
+pair = [storms[name][0].assign_attrs(long_name=f"tension, {name}") for name in ("without", "in the middle")]
+cp.plots.spectra(*pair, segments=2 if SMALL else 12);
+
+# %% [markdown]
+# At a tenth of the guy the insulator takes a few percent off the first pair of frequencies, in and out of the plane, but more
+# than a quarter off the second one. The peak rises by 1 %, the fatigue range by 7 %. In the middle it takes a third and a quarter
+# off the first pair, which comes closer to the gusts, and the fatigue range rises by a fifth. So insulators belong near the
+# ends. All four guys have 15 kN at the mast in still air.
+#
 # **In short.** `[wind]` in a scene is all that a model needs, `wind.field` shows it, `fatigue.equivalent` sums it up. A record of
 # measured wind goes in as `record = "field.nc"` in `[wind.turbulence]`.

@@ -200,7 +200,8 @@ def table_of_one(missing="", failure=""):
 def test_links_with_things_are_those_of_the_chain(kind):
     chain = cp.chain.rest(things.scene(kind, 20))
     own = things.hanging(kind, chain.position.values)
-    np.testing.assert_allclose(own.mass[1:-1], chain.particle_mass.values[1:-1], rtol=1e-13)
+    if kind != "damper":  # of equal masses a result has none
+        np.testing.assert_allclose(own.mass[1:-1], chain.particle_mass.values[1:-1], rtol=1e-13)
     np.testing.assert_allclose(own.tension(chain.position.values[None]), chain.tension.values[-1:], rtol=1e-9)
     # rest: the links of each particle carry its weight
     reach = np.diff(own.start, axis=0)
@@ -226,6 +227,8 @@ def test_links_that_do_not_end_at_the_place_are_refused():
 @pytest.mark.parametrize("kind", things.SCENES)
 def test_things_move_as_in_other_packages(kind, module, name):
     pytest.importorskip(module)
+    if (name, kind) == ("MoorDyn", "damper"):
+        pytest.skip("MoorDyn has no damper to the ground")
     chain, cable = things.runs(kind, 20)
     given = things.hanging(kind, chain.position.values[0])
     with peer_solvers.quiet():

@@ -1,18 +1,18 @@
-"""Compare a clump weight and two segments in motion with MoorDyn and OpenSees.
+"""Compare a clump weight, two segments and a damper in motion with MoorDyn and OpenSees.
 
     python pipelines/benchmarks/peers/things.py [--links 20 40 80] [--readme]
 
-Needs the extra ``peers`` (MoorDyn, OpenSeesPy); a package that is not installed is a line that says so.  A cable of 61 m hangs
+Needs the extra ``peers`` (MoorDyn, OpenSeesPy); a package that is missing is a line that says so.  A cable of 61 m hangs
 between ends 60 m apart, one of which swings along the chord by a sine of 10 cm for ten seconds.  In one scene a clump weight of
-60 kg hangs at four tenths of the length, in the other the cable beyond that place is of another rope.  No water, no wind, no
-damping.
+60 kg hangs at four tenths of the length, in another the cable beyond that place is of another rope, and in the third a damper
+acts there, which MoorDyn does not have.  No water, no wind, no other damping.
 
 Masses, stiffnesses and lengths of links are computed here, from the tables; only the positions at rest are those of `chain.rest`,
 and each program has to stay there.  MoorDyn: two lines that meet in a free point, RK4.  OpenSees: corotational trusses, lumped
-masses, Newmark's average acceleration, the end moved by a single-point constraint.  Differences are the largest ones over time:
-of a particle over the largest displacement, and of the tension of the uppermost link over its largest change.  Beside the chain
-with as many links stands the continuous cable, with 16 elements, at the places of the particles and the middle of the uppermost
-link.
+masses, a viscous zero-length element, Newmark's average acceleration, the end moved by a single-point constraint.  Differences
+are the largest ones over time: of a particle over the largest displacement, and of the tension of the uppermost link over its
+largest change.  Beside the chain with as many links stands the continuous cable, with 16 elements, at the places of the particles and the
+middle of the uppermost link.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from benchmarks.peers.solvers import quiet
 
 HERE = Path(__file__).resolve().parent
 GRAVITY, SPAN, LENGTH, PLACE = 9.81, 60.0, 61.0, 0.4
-#: Axial stiffness [N] and mass per length [kg/m] of the rope, of the other rope, and the clump weight [kg].
-ROPE, OTHER, CLUMP = (2e6, 1.0), (1e6, 2.5), 60.0
+#: Axial stiffness [N] and mass per length [kg/m] of the rope, of the other rope; clump weight [kg], vertical damper [N s/m].
+ROPE, OTHER, CLUMP, DAMPER = (2e6, 1.0), (1e6, 2.5), 60.0, 20.0
 #: Motion of the upper end, amplitude sin(omega t) times a smooth step over the ramp: [m], [rad/s], [s].
 AMPLITUDE, OMEGA, RAMP = 0.1, 1.5, 3.0
 #: End of the run and interval of the output [s]; steps of MoorDyn, of its calls and of OpenSees [s].
 END, INTERVAL, STEP, CALL, NEWMARK = 10.0, 0.05, 2e-4, 1e-3, 2.5e-3
-SCENES = ("clump weight", "two segments")
+SCENES = ("clump weight", "two segments", "damper")
 MOORDYN = """--- MoorDyn input file ---
 two lines that meet
 --- LINE TYPES ---
@@ -88,6 +88,7 @@ class Hanging:
     mass: np.ndarray  #: of the particles (links + 1,) [kg]
     clump: float  #: [kg], part of the mass of the particle at the place
     second: tuple[float, float]  #: stiffness [N] and mass per length [kg/m] beyond the place
+    damper: float  #: to the ground, vertical, at the particle at the place [N s/m]
 
     @property
     def links(self) -> int:
@@ -113,9 +114,11 @@ def upper(t: np.ndarray) -> np.ndarray:
 
 def scene(kind: str, links: int) -> xr.Dataset:
     """Return the scene of a kind."""
-    parts: dict[str, Any] = {"attachment": [{"arc_length": PLACE, "mass": CLUMP}]}
-    if kind == "two segments":
-        parts = {"segment": [{"to": PLACE}, {"axial_stiffness": OTHER[0], "mass_per_length": OTHER[1]}]}
+    parts: dict[str, Any] = {
+        "clump weight": {"attachment": [{"arc_length": PLACE, "mass": CLUMP}]},
+        "two segments": {"segment": [{"to": PLACE}, {"axial_stiffness": OTHER[0], "mass_per_length": OTHER[1]}]},
+        "damper": {"attachment": [{"arc_length": PLACE, "damper": DAMPER, "direction": [0.0, 1.0]}]},
+    }[kind]
     swing = {"kind": "harmonic", "amplitude": AMPLITUDE, "angular_frequency": OMEGA, "ramp": RAMP}
     return cp.make_scene(
         {
@@ -137,12 +140,13 @@ def hanging(kind: str, start: np.ndarray) -> Hanging:
     at = round(PLACE * links)
     if abs(at / links - PLACE) > 1e-12:
         raise ValueError(f"links: given {links}; allowed: a multiple of 5, so that equal links end at {PLACE}")
-    clump, second = (0.0, OTHER) if kind == "two segments" else (CLUMP, ROPE)
+    clump, damper = CLUMP * (kind == "clump weight"), DAMPER * (kind == "damper")
+    second = OTHER if kind == "two segments" else ROPE
     stiffness, per_length = np.array([ROPE] * at + [second] * (links - at)).T
     half = 0.5 * per_length * LENGTH / links
     mass = np.append(half, 0.0) + np.append(0.0, half)
     mass[at] += clump
-    return Hanging(start, stiffness, mass, clump, second)
+    return Hanging(start, stiffness, mass, clump, second, damper)
 
 
 # --- programs ---------------------------------------------------------------------------------------------------------
@@ -152,6 +156,8 @@ def by_moordyn(cable: Hanging) -> np.ndarray:
     """Return positions (times, links + 1, 2) [m] of MoorDyn."""
     import moordyn as md
 
+    if cable.damper:
+        raise RuntimeError("no damper to the ground")
     numbers = (cable.at, cable.links - cable.at)
     place = np.stack([cable.start[:, 0], np.zeros(cable.links + 1), cable.start[:, 1]], axis=1)
     text = MOORDYN.format(
@@ -213,6 +219,12 @@ def by_opensees(cable: Hanging) -> np.ndarray:
         ops.uniaxialMaterial("Elastic", 2 * j, modulus)
         ops.uniaxialMaterial("InitStrainMaterial", 2 * j + 1, 2 * j, own * (present / length - 1.0) / modulus)
         ops.element("corotTruss", j, j, j + 1, 1.0, 2 * j + 1)
+    if cable.damper:
+        ground = cable.links + 2
+        ops.node(ground, *cable.start[cable.at].tolist())
+        ops.fix(ground, 1, 1)
+        ops.uniaxialMaterial("Viscous", 1, cable.damper, 1.0)
+        ops.element("zeroLength", ground, ground, cable.at + 1, "-mat", 1, "-dir", 2)
     ops.timeSeries("Constant", 1)
     ops.pattern("Plain", 1, 1)
     for j, mass in enumerate(cable.mass.tolist(), start=1):
@@ -279,7 +291,7 @@ def main() -> None:
                     with quiet():
                         position = call(given)
                 except (ImportError, RuntimeError) as failure:  # also of an installed OpenSees without its libraries
-                    print(f"{name}: {failure} (pip install 'cablepod[peers]')", flush=True)
+                    print(f"{name}, {kind}: {failure}", flush=True)
                     continue
                 both = [differences(run, position, given.tension(position)) for run in (chain, cable)]
                 rows.append([kind, str(links), name, *map(percent, both[0] + both[1])])
