@@ -7,12 +7,12 @@ between ends 60 m apart, one of which swings along the chord by a sine of 10 cm 
 60 kg hangs at four tenths of the length, in another the cable beyond that place is of another rope, and in the third a damper
 acts there, which MoorDyn does not have.  No water, no wind, no other damping.
 
-Masses, stiffnesses and lengths of links are computed here, from the tables; only the positions at rest are those of `chain.rest`,
-and each program has to stay there.  MoorDyn: two lines that meet in a free point, RK4.  OpenSees: corotational trusses, lumped
-masses, a viscous zero-length element, Newmark's average acceleration, the end moved by a single-point constraint.  Differences
-are the largest ones over time: of a particle over the largest displacement, and of the tension of the uppermost link over its
-largest change.  Beside the chain with as many links stands the continuous cable, with 16 elements, at the places of the particles and the
-middle of the uppermost link.
+Masses, stiffnesses and lengths of links are computed here, from the tables; only the positions at rest are those of
+`chain.rest`, and each program has to stay there.  MoorDyn: two lines that meet in a free point, RK4.  OpenSees: corotational
+trusses, lumped masses, a viscous zero-length element, Newmark's average acceleration, the end moved by a single-point
+constraint.  Differences are the largest ones over time: of a particle over the largest displacement, and of the tension of the
+uppermost link over its largest change.  Beside the chain with as many links stands the continuous cable, with 16 elements, at
+the places of the particles and the middle of the uppermost link.
 """
 
 from __future__ import annotations
