@@ -8,7 +8,8 @@ frequencies and the factor R of a cable with sag, and with those of a string (R 
 
 "constants": for each place a the constant that is best for the first mode, the one with which the lowest of the ratios of five
 modes is largest, and the ratios with it.
-"sag": the damper at 2 % with T / (a sqrt(omega_1 omega_5)), from the tension of service down.
+"sag": the damper at 2 % with T / (a sqrt(omega_1 omega_5)), from a high tension down; the change by the sag is that from a
+weightless stay with the same mean tension.
 "amplitude": the stay is released from the shape of a vibration, and `cable.simulate` follows ten cycles; the ratio is that of the
 swings.  Constants are in units of T / (a omega) of the mode.  "checks": the same with twice the elements and half the step.
 """
@@ -70,13 +71,19 @@ def constants(places: tuple[float, ...]) -> xr.Dataset:
 
 def sagging(tensions: np.ndarray, dim: str) -> xr.Dataset:
     """Return ratios by the cable and by the closed forms over the tension, each with the constant of the rule for it."""
-    found: dict[str, Any] = {"cable": [], "closed_form": [], "closed_form_without_sag": []}
+    found: dict[str, Any] = {
+        "cable": [],
+        "cable_without_sag": [],
+        "closed_form": [],
+        "closed_form_without_sag": [],
+    }
     parameters = []
     for tension in tensions:
         given = stay.taut(tension)
         damper = stay.rule_of_thumb(PLACE, given, 1, LAST)
         parameters.append(given.sag_parameter)
         found["cable"].append(stay.ratios(PLACE, damper, tension))
+        found["cable_without_sag"].append(stay.ratios_without_sag(PLACE, damper, given))
         for name, sag in (("closed_form", True), ("closed_form_without_sag", False)):
             found[name].append(stay.closed_form(PLACE, damper, given, sag=sag))
     own: dict[str, Any] = {f"{dim}_{name}": ((dim, "mode"), values, {"units": "1"}) for name, values in found.items()}
@@ -178,7 +185,9 @@ def sag_table(result: xr.Dataset) -> str:
         own = row.tension_cable.values
         head = [f"{1e-6 * tension:g}", f"{float(row.tension_sag_parameter):.2f}"]
         rows.append([*head, "ζ by the cable", *(f"{100.0 * value:.3f} %" for value in own)])
-        for name, label in (("closed_form", "closed form with sag"), ("closed_form_without_sag", "without sag")):
+        change = 100.0 * (own / row.tension_cable_without_sag.values - 1.0)
+        rows.append(["", "", "its change by the sag", *(f"{round(value, 1) + 0.0:+.1f} %" for value in change)])
+        for name, label in (("closed_form", "error of the closed form"), ("closed_form_without_sag", "with R = 1")):
             off = 100.0 * (row[f"tension_{name}"].values / own - 1.0)
             rows.append(["", "", label, *(f"{value:+.1f} %" for value in off)])
     return markdown_table(("top tension [MN]", "λ²", "", *(f"mode {n}" for n in range(1, LAST + 1))), rows)

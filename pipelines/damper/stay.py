@@ -62,6 +62,12 @@ def ratios(place: float, damper: float, tension: float = TENSION, elements: int 
     return np.asarray(cp.cable.frequencies(scene, count=MODES, elements=elements, law="linear").damping_ratio.values)
 
 
+def ratios_without_sag(place: float, damper: float, given: Taut) -> np.ndarray:
+    """Return the damping ratios of a weightless stay with the same mean tension (modes,), by the continuous cable."""
+    scene = cp.make_scene(tables(place, damper, given.tension, gravity=0.0))
+    return np.asarray(cp.cable.frequencies(scene, count=MODES, elements=ELEMENTS, law="linear").damping_ratio.values)
+
+
 # --- closed forms -----------------------------------------------------------------------------------------------------
 
 
