@@ -176,13 +176,16 @@ def _is_gap(value: Any) -> bool:
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 
 
-def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> Parameters:
-    """Make parameters from the values of scene variables by name, converted by `number`."""
+def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float, above: str = "") -> Parameters:
+    """Make parameters from the values of scene variables by name, converted by `number`.
+
+    `above` is the beginning of the paths of segments and attachments, for messages.
+    """
     uniform = _uniform_from_values(values, number)
     if any(name.startswith(NONUNIFORM) for name in values):
         if uniform.own_keys:
             raise SceneError(f"{uniform.own_keys[0]}: given; allowed: none beside [[segment]] and [[attachment]]")
-        return with_segments_and_attachments(uniform, values, _uniform_from_values)
+        return with_segments_and_attachments(uniform, values, _uniform_from_values, above)
     return uniform
 
 

@@ -23,17 +23,21 @@ from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import number, numbers_list, text
 from cablepod.parameters._keys import ENSEMBLE, FREQUENCY, LISTED, TABLES, TOP, Key, time_function_keys
-from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION
+from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LISTED, MAST, MAST_LOAD, MAST_SECTION
 
 #: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
 MAX_PARTS = 6
-#: Tables that are lists, by their path.
-LISTS = (*((table,) for table in LISTED), ("guy",), ("mast", "section"), ("mast", "load"))
-#: Tables of a mast with a number or a name: pattern of the variables of their keys, path, keys.
+#: Tables that are lists, by their path, with None for any name.
+LISTS: tuple[tuple[str | None, ...], ...] = (
+    *((table,) for table in LISTED), ("guy",), ("mast", "section"), ("mast", "load"),
+    *(("cables", None, table) for table in GUY_LISTED),
+)  # fmt: skip
+#: Tables of a mast with a number or a name: pattern of the variables of their keys (parts of the path and key), path, keys.
 MAST_LISTS = (
     (re.compile(r"guy_(\d+)_(\w+)"), "guy", GUY),
     (re.compile(r"mast_section_(\d+)_(\w+)"), "mast.section", MAST_SECTION),
     (re.compile(r"mast_load_(\d+)_(\w+)"), "mast.load", MAST_LOAD),
+    *((re.compile(rf"cables_(\w+)_({name})_(\d+)_(\w+)"), "cables", keys) for name, keys in GUY_LISTED.items()),
     (re.compile(rf"cables_(\w+)_({'|'.join(GUY_CABLE)})"), "cables", GUY_CABLE),
     (re.compile(rf"()mast_({'|'.join(MAST)})"), "mast", MAST),
 )
@@ -81,9 +85,10 @@ def _of_mast(path: str) -> str:
         found = pattern.fullmatch(path)
         if not found:
             continue
-        above, (vector, _, axis) = ".".join(filter(None, (table, found[1]))), found[2].rpartition("_")
-        if found[2] in keys or (table == "mast.load" and found[2] in _keys_of_factors()):
-            return f"{above}.{found[2]}"
+        *parts, key = found.groups()
+        above, (vector, _, axis) = ".".join(filter(None, (table, *parts))), key.rpartition("_")
+        if key in keys or (table == "mast.load" and key in _keys_of_factors()):
+            return f"{above}.{key}"
         if axis in COORDINATES and vector in keys:
             return f"{above}.{vector}.{axis}"
     return path
@@ -114,10 +119,18 @@ def nested(tree: Mapping[Any, Any]) -> Mapping[Any, Any]:
 
 def _order(parts: tuple[Any, ...]) -> tuple[bool, int, int]:
     """Return the order in which values are placed: vectors before their components, tables before keys, loads by number."""
-    depth = next((len(path) for path in LISTS if parts[: len(path)] == path), 0)
+    depth = next((count for count in range(1, len(parts)) if _is_list(parts[:count])), 0)
     number = parts[depth] if 0 < depth < len(parts) else ""
     is_number = isinstance(number, str) and number.isdecimal() and len(number) < 10
     return parts[-1] in COORDINATES, len(parts), int(number) if is_number else 0
+
+
+def _is_list(path: tuple[Any, ...]) -> bool:
+    """Tell whether the table at a path is a list."""
+    return any(
+        len(own) == len(path) and all(name in (None, part) for name, part in zip(own, path, strict=True))
+        for own in LISTS
+    )
 
 
 def _paths(tree: Mapping[Any, Any], above: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
@@ -155,7 +168,7 @@ def _place(tree: dict[Any, Any], parts: tuple[Any, ...], value: Any) -> None:
                 raise SceneError(f"{path}: given in two forms, {shown(table[part])} and {shown(value)}; allowed: one")
             table[part] = value
         else:
-            empty: Any = [] if parts[: depth + 1] in LISTS else {}
+            empty: Any = [] if _is_list(parts[: depth + 1]) else {}
             table[part] = table = _mutable(table.get(part, empty))
         if not isinstance(table, dict | list):
             path = ".".join(map(named, parts))
@@ -290,6 +303,8 @@ def keys_of_mast(tables: list[str]) -> Mapping[str, Key] | None:
         return MAST
     if len(tables) == 2 and tables[0] in ("guy", "cables"):
         return GUY if tables[0] == "guy" else GUY_CABLE
+    if len(tables) == 4 and tables[0] == "cables":
+        return GUY_LISTED.get(tables[2])
     if len(tables) == 3 and tables[0] == "mast":
         return {"section": MAST_SECTION, "load": MAST_LOAD}.get(tables[1])
     return None

@@ -22,7 +22,16 @@ from cablepod.parameters._from_scene import (
 )
 from cablepod.parameters._key_paths import table_at, whole_table_at
 from cablepod.parameters._keys import ICE, TABLES, TURBULENCE, WIND
-from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
+from cablepod.parameters._mast_keys import (
+    GUY,
+    GUY_CABLE,
+    GUY_LENGTH_KEYS,
+    GUY_LISTED,
+    MAST,
+    MAST_LOAD,
+    MAST_SECTION,
+    SHARED_TABLES,
+)
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.parameters._scene_values import check_values
 from cablepod.parameters._temperature import TEMPERATURES, expansion_of
@@ -236,20 +245,34 @@ def _guys(values: Mapping[str, Any], expansion: float) -> list[Guy]:
         breaks: list[float | None] = [None] * len(anchors)
         if (broken := broken_guy(path, table)) is not None:
             breaks[broken] = float(table["breaks"])
-        own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()}
+        own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()} | _things(values, cable)
+        common, above = {"chain_links": LINKS, **shared, **own}, f"cables.{cable}."
         ends = {"ends_lower": anchors[0], "ends_upper": np.array([0.0, level, 0.0])}
-        first = _from_values({"chain_links": LINKS, **shared, **own, **ends})
+        of_anchors = [_from_values({**common, **ends}, above=above)]
+        if of_anchors[0].attachments:  # what is normal to the chord differs from guy to guy
+            others = ({**common, **ends, "ends_lower": anchor} for anchor in anchors[1:])
+            of_anchors += [_from_values(of_guy, above=above) for of_guy in others]
+        else:
+            of_anchors += [_anchored(of_anchors[0], anchor) for anchor in anchors[1:]]
         if expansion != 1.0:
             level *= expansion
-            first = replace(first, upper=np.array([0.0, level, 0.0]), bare=first.bare or first)
+            upper = np.array([0.0, level, 0.0])
+            of_anchors = [replace(p, upper=upper, bare=p.bare or p) for p in of_anchors]
         guys += [
-            Guy(path, number, cable, level, _anchored(first, anchor), time)
-            for anchor, time in zip(anchors, breaks, strict=True)
+            Guy(path, number, cable, level, p, time)
+            for p, time in zip(of_anchors, breaks, strict=True)
         ]
         number += 1
     if table:
         _check_present(path, table, ("level",))
     return guys
+
+
+def _things(values: Mapping[str, Any], cable: str) -> dict[str, Any]:
+    """Return the values of the segments and attachments of a cable by the names that a scene of this cable alone has."""
+    above = f"cables_{cable}_"
+    lists = tuple(f"{above}{name}_" for name in GUY_LISTED)
+    return {name.removeprefix(above): value for name, value in values.items() if name.startswith(lists)}
 
 
 def broken_guy(prefix: str, table: Mapping[str, Any]) -> int | None:

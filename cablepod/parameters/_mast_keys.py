@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cablepod.parameters._checks import choice, integer, number, point, text
-from cablepod.parameters._keys import CABLE, EXPANSION, LENGTH_KEYS, Key
+from cablepod.parameters._keys import CABLE, EXPANSION, LENGTH_KEYS, LISTED, Key
 
 #: Keys of the cross-section of a mast.
 _SECTION = {
@@ -48,5 +48,7 @@ GUY = {
 }
 #: Keys of a cable of guys: those of a cable but what determines its length.
 GUY_CABLE = {name: key for name, key in CABLE.items() if name not in LENGTH_KEYS}
+#: Lists of tables of such a cable, the same for each of its guys.
+GUY_LISTED = {name: LISTED[name] for name in ("segment", "attachment")}
 #: Tables of a mast that a scene of one cable has too.
 SHARED_TABLES = ("time", "chain", "damping", "wind", "wind.turbulence", "ice")

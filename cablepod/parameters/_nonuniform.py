@@ -41,11 +41,11 @@ def of_segment(cable: Mapping[str, Any], segment: Mapping[str, Any]) -> dict[str
     return {name: value for name, value in cable.items() if name not in replaced} | own
 
 
-def segment_bounds(tables: Sequence[Mapping[str, Any]]) -> list[tuple[float, float]]:
+def segment_bounds(tables: Sequence[Mapping[str, Any]], name: str = "segment") -> list[tuple[float, float]]:
     """Return the bounds of segments in the order of their tables, as fractions of the unstretched length.
 
     A table without ``from`` goes on where the one before it ends, the first one begins at 0, and the last one without ``to``
-    ends at 1.
+    ends at 1.  `name` is the path of their list, for messages.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def segment_bounds(tables: Sequence[Mapping[str, Any]]) -> list[tuple[float, flo
     """
     bounds: list[tuple[float, float]] = []
     for number, table in enumerate(tables, start=1):
-        path = listed_path("segment", number)
+        path = listed_path(name, number)
         begin = float(table.get("from", bounds[-1][1] if bounds else 0.0))
         if "to" not in table and number < len(tables):
             raise SceneError(
@@ -67,22 +67,22 @@ def segment_bounds(tables: Sequence[Mapping[str, Any]]) -> list[tuple[float, flo
         bounds.append((begin, end))
     last, before = 0.0, 0
     for number in sorted(range(1, len(bounds) + 1), key=lambda number: bounds[number - 1]):
-        begin, path = bounds[number - 1][0], listed_path("segment", number)
+        begin, path = bounds[number - 1][0], listed_path(name, number)
         if abs(begin - last) > SAME_PLACE:
-            other = listed_path("segment", before)
+            other = listed_path(name, before)
             what = f"{last:g}, where {other} ends" if before else "0, the lower end of the cable"
             kind = "overlap" if begin < last else "leave gaps"
             raise scene_error(f"{path}.from", begin, f"{what}: segments do not {kind}")
         last, before = bounds[number - 1][1], number
     if bounds and abs(last - 1.0) > SAME_PLACE:
         raise scene_error(
-            f"{listed_path('segment', before)}.to", last, "1, the upper end of the cable: segments do not leave gaps"
+            f"{listed_path(name, before)}.to", last, "1, the upper end of the cable: segments do not leave gaps"
         )
     return bounds
 
 
 def with_segments_and_attachments(
-    uniform: Parameters, values: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Parameters]
+    uniform: Parameters, values: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Parameters], above: str = ""
 ) -> Parameters:
     """Return the parameters of a cable with the segments and attachments of scene variables.
 
@@ -94,6 +94,8 @@ def with_segments_and_attachments(
         Values of scene variables by name.
     make
         Makes the parameters of a uniform cable from such values.
+    above
+        Beginning of the paths of their tables, for messages; empty for a scene of one cable.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def with_segments_and_attachments(
     tables, p = _tables(values, "segment", SEGMENT), uniform
     borders = borders_now = np.array([0.0, 1.0])
     if tables:
-        bounds = segment_bounds(tables)
+        bounds = segment_bounds(tables, f"{above}segment")
         cable = table_at(values, "cable", CABLE)
         others = {name: value for name, value in values.items() if not name.startswith("cable_")}
         cables = []
@@ -117,7 +119,7 @@ def with_segments_and_attachments(
         if any(cable.bare is not None for cable in [uniform, *cables]):
             tensioned = [cable.bare or cable for cable in cables]
             p = replace(p, bare=_joined(uniform.bare or uniform, borders, tensioned, 1.0))
-    if attachments := _attachments(values, uniform):
+    if attachments := _attachments(values, uniform, above):
         bare = None if p.bare is None else replace(p.bare, attachments=attachments)
         now = tuple(_expanded(attachment, p.expansion, borders, borders_now) for attachment in attachments)
         p = replace(p, attachments=now, bare=bare)
@@ -182,11 +184,11 @@ def _joined(p: Parameters, borders: np.ndarray, cables: Sequence[Parameters], ex
     )
 
 
-def _attachments(values: Mapping[str, Any], p: Parameters) -> tuple[Attachment, ...]:
+def _attachments(values: Mapping[str, Any], p: Parameters, above: str) -> tuple[Attachment, ...]:
     """Return the attachments that have a mass, drag, damper or spring."""
     attachments = []
     for number, table in enumerate(_tables(values, "attachment", ATTACHMENT), start=1):
-        path = listed_path("attachment", number)
+        path = listed_path(f"{above}attachment", number)
         place = exactly_one(path, table, PLACE_KEYS)
         numbers = {name: float(table.get(name, 0.0)) for name in ATTACHED_KEYS}
         given = table.get("direction")

@@ -41,6 +41,9 @@ from cablepod.scene._ranges import check_ranges, with_counts_expanded
 from cablepod.scene._strands import with_strand
 from cablepod.scene._wind import check_wind
 
+#: Path of the table that has the length of the cable, and the keys of which it has one.
+LENGTHS = ("cable", LENGTH_KEYS)
+
 
 def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check all tables; return them with defaults filled in and records read."""
@@ -242,9 +245,9 @@ def _check_lists(mapping: Mapping[str, Any], tree: dict[str, Any], dims: int, fo
     if "point_load" in mapping:
         tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
     if "segment" in mapping:
-        tree["segment"] = _check_segments(mapping["segment"], tree, folder)
+        tree["segment"] = check_segments(mapping["segment"], tree, folder)
     if "attachment" in mapping:
-        tree["attachment"] = _check_attachments(mapping["attachment"], dims)
+        tree["attachment"] = check_attachments(mapping["attachment"], dims)
 
 
 def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, Any]]:
@@ -256,33 +259,48 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
     return checked
 
 
-def _check_segments(tables: Any, tree: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
-    """Check the tables [[segment]]: their keys, the cable that each makes, their bounds."""
+def check_segments(
+    tables: Any, tree: dict[str, Any], folder: Path, name: str = "segment", lengths: tuple[str, tuple[str, ...]] = LENGTHS
+) -> list[dict[str, Any]]:
+    """Check the tables [[segment]]: their keys, the cable that each makes, their bounds.
+
+    Parameters
+    ----------
+    tables, folder
+        Given tables; folder of the paths in them.
+    tree
+        Checked scene with the table of the cable.
+    name
+        Path of the list, for messages.
+    lengths
+        Path of the table that has the length of the cable, and its keys.
+    """
     checked = []
-    for path, table in _listed("segment", tables):
+    for path, table in _listed(name, tables):
         if isinstance(table, Mapping):
-            for key in LENGTH_KEYS:
+            for key in lengths[1]:
                 if key in table:
-                    raise SceneError(f"{path}.{key}: given; allowed: none for a part of the cable; try: cable.{key}")
+                    where = f"{lengths[0]}.{key}"
+                    raise SceneError(f"{path}.{key}: given; allowed: none for a part of the cable; try: {where}")
         own = check_table(path, with_strand(table, folder, path), SEGMENT)
         for names in ALTERNATIVES:
             if any(name in own for name in names):
                 exactly_one(path, own, names)
-        try:
-            check_cable({**tree, "cable": of_segment(tree["cable"], own)})
-        except SceneError as error:
-            raise SceneError(str(error).replace("cable", path, 1)) from None
+        check_cable({**tree, "cable": of_segment(tree["cable"], own)}, path, ())
         checked.append(own)
     if checked:
         checked[-1].setdefault("to", 1.0)
-    segment_bounds(checked)
+    segment_bounds(checked, name)
     return checked
 
 
-def _check_attachments(tables: Any, dims: int) -> list[dict[str, Any]]:
-    """Check the tables [[attachment]], but for their places along the cable, see :func:`attachment_fractions`."""
+def check_attachments(tables: Any, dims: int, name: str = "attachment") -> list[dict[str, Any]]:
+    """Check the tables [[attachment]], but for their places along the cable, see :func:`attachment_fractions`.
+
+    `name` is the path of the list, for messages.
+    """
     checked = []
-    for path, table in _listed("attachment", tables):
+    for path, table in _listed(name, tables):
         own = check_table(path, table, ATTACHMENT)
         exactly_one(path, own, PLACE_KEYS)
         if not any(name in own for name in ATTACHED_KEYS):

@@ -32,7 +32,7 @@ from cablepod.parameters._key_paths import (
 )
 from cablepod.parameters._keys import LISTED, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._mast import mast_parameters
-from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
+from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LISTED, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene._check import check_mapping
 from cablepod.scene._hertz import OMEGA, in_radians
@@ -243,6 +243,9 @@ def _mast_to_dataset(tree: dict[str, Any]) -> xr.Dataset:
         variables.update(_time_function_variables(f"mast.load.{number}", load, "1", f"factor of mast load {number}"))
     for name, cable in tree["cables"].items():
         add(f"cables.{name}", cable, GUY_CABLE)
+        for of_list, keys in GUY_LISTED.items():
+            for number, part in enumerate(cable.get(of_list, []), start=1):
+                add(listed_path(f"cables.{name}.{of_list}", number), part, keys)
     for number, guy in enumerate(tree["guy"], start=1):
         add(f"guy.{number}", guy, GUY)
     for table in SHARED_TABLES:

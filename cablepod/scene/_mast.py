@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import SCENE, Kind
-from cablepod.catenary._statics import solve_statics
+from cablepod.catenary._statics import length_and_strain
 from cablepod.errors import SceneError, did_you_mean, named, scene_error
 from cablepod.parameters._keys import TABLES, TOP, check_damping, check_table, exactly_one
 from cablepod.parameters._mast import MastParameters, anchors_of, broken_guy
@@ -19,12 +20,22 @@ from cablepod.parameters._mast_keys import (
     GUY,
     GUY_CABLE,
     GUY_LENGTH_KEYS,
+    GUY_LISTED,
     MAST,
     MAST_LOAD,
     MAST_SECTION,
     SHARED_TABLES,
 )
-from cablepod.scene._check import check_cable, check_chain, check_ensemble, check_time, check_with_factor
+from cablepod.parameters._nonuniform import attachment_fractions
+from cablepod.scene._check import (
+    check_attachments,
+    check_cable,
+    check_chain,
+    check_ensemble,
+    check_segments,
+    check_time,
+    check_with_factor,
+)
 from cablepod.scene._limits import MAX_STRAIN
 from cablepod.scene._strands import with_strand
 from cablepod.scene._wind import check_wind
@@ -45,6 +56,8 @@ ALLOWED = (*TOP, *MAST_TABLES, *(name for name in SHARED_TABLES if "." not in na
 DAMPING_OF_CABLES = ("link_viscosity", "tension_proportional")
 #: Keys of chains whose links or particles differ from each other.
 LISTS_OF_LINKS = ("link_lengths", "masses", "stiffness")
+#: Names that a cable cannot have: variables of its keys would be those of a segment or attachment of another cable.
+TAKEN_NAMES = re.compile(rf"\w+_({'|'.join(GUY_LISTED)})_\d+")
 #: Distance from the axis below which an anchor lies on it, over the height.
 ON_AXIS = 1e-9
 
@@ -91,6 +104,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     check_time(tree)
     tree["cables"] = _check_cables(mapping.get("cables", {}), tree, folder)
     tree["guy"] = _check_guys(mapping.get("guy", []), tree)
+    _check_used(tree)
     _check_air(mapping, tree, folder)
     if "ensemble" in mapping:
         tree["ensemble"] = check_ensemble(mapping["ensemble"], tree, folder)
@@ -101,13 +115,8 @@ def _check_mast_table(table: Any, folder: Path) -> dict[str, Any]:
     """Check the table [mast] with its sections and loads."""
     if not isinstance(table, Mapping):
         raise scene_error("mast", table, "a table with the keys " + ", ".join(MAST))
-    lists = {name: table[name] for name in ("section", "load") if name in table}
-    for name, value in table.items():
-        if name not in MAST and name not in lists:
-            allowed = ", ".join([*MAST, "section", "load"])
-            raise SceneError(f"mast.{named(name)}: unknown key; allowed: {allowed}{did_you_mean(name, MAST, 'mast.')}")
-        del value
-    checked = check_table("mast", {name: value for name, value in table.items() if name not in lists}, MAST)
+    own, lists = _without_lists("mast", table, MAST, ("section", "load"))
+    checked = check_table("mast", own, MAST)
     height = checked["height"]
     for name, value in lists.items():
         if not isinstance(value, list | tuple):
@@ -138,6 +147,18 @@ def _check_mast_table(table: Any, folder: Path) -> dict[str, Any]:
     return checked | ({"section": sections} if sections else {}) | ({"load": loads} if loads else {})
 
 
+def _without_lists(
+    prefix: str, table: Mapping[str, Any], keys: Mapping[str, Any], lists: Iterable[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the keys of a table, and the lists of tables in it; refuse all other names."""
+    for name in table:
+        if name not in keys and name not in lists:
+            allowed, similar = ", ".join([*keys, *lists]), did_you_mean(name, [*keys, *lists], f"{prefix}.")
+            raise SceneError(f"{prefix}.{named(name)}: unknown key; allowed: {allowed}{similar}")
+    own = {name: value for name, value in table.items() if name not in lists}
+    return own, {name: table[name] for name in lists if name in table}
+
+
 def _check_level(key: str, level: float, height: float) -> None:
     if level > height:
         raise scene_error(key, level, f"a height of at most mast.height, {height:g} m")
@@ -151,15 +172,37 @@ def _check_cables(tables: Any, tree: Mapping[str, Any], folder: Path) -> dict[st
     for name, table in tables.items():
         if not isinstance(name, str) or not name.isidentifier():
             raise SceneError(f"cables.{named(name)}: given another name; allowed: letters, digits and _")
-        prefix = f"cables.{name}"
+        if TAKEN_NAMES.fullmatch(name):
+            raise SceneError(
+                f"cables.{name}: given the name of a table in a list; allowed: a name without _segment_1, _attachment_1"
+            )
+        prefix, lists = f"cables.{name}", {}
         if isinstance(table, Mapping):
             for key in table:
                 if key in GUY_LENGTH_KEYS:
                     raise SceneError(f"{prefix}.{key}: given beside [[guy]]; allowed: none; try: guy.1.{key}")
+            table, lists = _without_lists(prefix, table, GUY_CABLE, GUY_LISTED)
         own = check_table(prefix, with_strand(table, folder, prefix), GUY_CABLE)
-        check_cable({"cable": own, "gravity": tree["gravity"]}, prefix, ())
-        checked[name] = own
+        of_cable = {"cable": own, "gravity": tree["gravity"]}
+        check_cable(of_cable, prefix, ())
+        if "segment" in lists:
+            lengths = ("guy.1", GUY_LENGTH_KEYS)
+            lists["segment"] = check_segments(lists["segment"], of_cable, folder, f"{prefix}.segment", lengths)
+        if "attachment" in lists:
+            lists["attachment"] = check_attachments(lists["attachment"], 3, f"{prefix}.attachment")
+        checked[name] = own | lists
     return checked
+
+
+def _check_used(tree: Mapping[str, Any]) -> None:
+    """Refuse segments and attachments of a cable that no guy has."""
+    used = {guy["cable"] for guy in tree["guy"]}
+    for name, cable in tree["cables"].items():
+        for table in GUY_LISTED:
+            if cable.get(table) and name not in used:
+                raise SceneError(
+                    f"cables.{name}.{table}.1: given for a cable that no guy has; allowed: none; try: guy.1.cable"
+                )
 
 
 def _check_guys(tables: Any, tree: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -243,8 +286,8 @@ def check_mast_numbers(p: MastParameters) -> None:
                              "allowed: one that is finite during the run")  # fmt: skip
     for guy in p.guys:
         bare = guy.p if guy.p.bare is None else guy.p.bare
-        rest = solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)
-        strain = float(rest[4:].max()) / guy.p.stiffness
+        length, strain = length_and_strain(bare, bare.length_key, bare.length_value, prefix=guy.key)
+        attachment_fractions(bare, length)
         if strain > MAX_STRAIN:
             raise scene_error(
                 f"{guy.key}.{bare.length_key}",
