@@ -21,6 +21,8 @@ import numpy as np
 
 from cablepod.parameters._parameters import Parameters
 
+#: Distance of two cuts that are one, over the length.
+SAME_CUT = 1e-9
 #: Component of the chord across the load, over the chord, below which the chord lies along the load.
 ALONG_LOAD = 1e-15
 
@@ -43,6 +45,18 @@ class Pieces(NamedTuple):
         """Return the loss of force from the lower end to the lower end of each piece and to the upper end (pieces + 1, dims)."""
         own = length[..., None] * self.load + self.attached
         return np.concatenate([np.zeros_like(own[..., :1, :]), np.cumsum(own, axis=-2)], axis=-2)
+
+    def cut(self, places: np.ndarray) -> Pieces:
+        """Return the same cable cut at further unstretched arc lengths [m] too, but for those at a cut that is there."""
+        ends = np.cumsum(self.length)
+        near = np.abs(np.append(ends, 0.0)[:, None] - places).min(axis=0) <= SAME_CUT * ends[-1]
+        borders = np.union1d(ends, places[~near])
+        length = np.diff(borders, prepend=0.0)
+        which = np.searchsorted(ends, borders - 0.5 * length)
+        attached = np.zeros((length.size, self.attached.shape[1]))
+        attached[np.searchsorted(borders, ends)] = self.attached
+        rate = self.rate[which] * length / self.length[which]
+        return Pieces(length, rate, self.stiffness[which], self.load[which], attached)
 
 
 def pieces_of(p: Parameters, total: float) -> Pieces:
@@ -223,6 +237,10 @@ def quantity(key: str, force: np.ndarray, loads: np.ndarray) -> np.ndarray:
 
 def is_slack_weightless(p: Parameters, length: float) -> bool:
     """Tell whether a cable of a length [m] is longer than its chord and has no load."""
-    pieces = pieces_of(p, length)
-    chord = float(size_of(p.initial_ends[1] - p.initial_ends[0]))
-    return length > chord and not pieces.load.any() and not pieces.attached.any()
+    return has_no_shape(pieces_of(p, length), p.initial_ends[1] - p.initial_ends[0])
+
+
+def has_no_shape(pieces: Pieces, chord: np.ndarray) -> bool:
+    """Tell whether pieces are longer than their chord (dims,) [m] and have no load."""
+    is_slack = float(pieces.length.sum()) > float(size_of(chord))
+    return is_slack and not pieces.load.any() and not pieces.attached.any()

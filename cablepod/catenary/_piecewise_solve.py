@@ -17,7 +17,7 @@ from cablepod.catenary._piecewise import (
     ALONG_LOAD,
     Pieces,
     PiecewiseCatenary,
-    is_slack_weightless,
+    has_no_shape,
     pieces_of,
     quantity,
     reach_of,
@@ -84,20 +84,26 @@ class _Search:
 
         Weights of attached masses are spread over `length`; without a solution, the cable is as long as its chord.
         """
-        from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
+        return _uniform(pieces_of(self.p, length), self.chord, self.key, value, length)
 
-        pieces = pieces_of(self.p, length)
-        load = pieces.drops(pieces.length)[-1:] / length
-        stiffness = np.array([length / float((pieces.length / pieces.stiffness).sum())])
-        plane, across, against = np.empty((4, 1)), np.empty_like(load), np.empty_like(load)
-        _kernels_plane.load_planes(self.chord[None], load, plane, across, against)
-        found, status = np.empty((1, 6)), np.empty(1, dtype=np.int64)
-        for key, given in ((self.key, value), ("unstretched_length", float(plane[2, 0]) * (1.0 - FIRST_STRAIN))):
-            _kernels_solve.solve_many(*plane, stiffness, CATENARY_KEYS.index(key), np.array([given]), found, status)
-            if status[0] == _kernels_solve.FOUND:
-                break
-        horizontal, middle = found[0, 2:4]
-        return float(found[0, 0]), horizontal * across[0] + middle * against[0] + 0.5 * length * load[0]
+
+def _uniform(
+    pieces: Pieces, chord: np.ndarray, key: str, value: float, length: float
+) -> tuple[float, np.ndarray]:
+    """Return length [m] and force [N] of the uniform cable, as :meth:`_Search.uniform`."""
+    from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
+
+    load = pieces.drops(pieces.length)[-1:] / length
+    stiffness = np.array([length / float((pieces.length / pieces.stiffness).sum())])
+    plane, across, against = np.empty((4, 1)), np.empty_like(load), np.empty_like(load)
+    _kernels_plane.load_planes(chord[None], load, plane, across, against)
+    found, status = np.empty((1, 6)), np.empty(1, dtype=np.int64)
+    for name, given in ((key, value), ("unstretched_length", float(plane[2, 0]) * (1.0 - FIRST_STRAIN))):
+        _kernels_solve.solve_many(*plane, stiffness, CATENARY_KEYS.index(name), np.array([given]), found, status)
+        if status[0] == _kernels_solve.FOUND:
+            break
+    horizontal, middle = found[0, 2:4]
+    return float(found[0, 0]), horizontal * across[0] + middle * against[0] + 0.5 * length * load[0]
 
 
 def _chord(pieces: Pieces, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -175,15 +181,30 @@ def solve_pieces(p: Parameters, key: str, value: float, name: str) -> PiecewiseC
 
 def _of_length(search: _Search, length: float, name: str) -> PiecewiseCatenary:
     """Solve a cable of a length [m]."""
-    pieces = pieces_of(search.p, length)
-    if is_slack_weightless(search.p, length):
-        chord = float(size_of(search.chord))
-        allowed = f"at most the chord, {chord:.12g} m, as a slack cable without load has no shape at rest"
+    return between_ends(pieces_of(search.p, length), search.chord, length, name)
+
+
+def between_ends(pieces: Pieces, chord: np.ndarray, length: float, name: str) -> PiecewiseCatenary:
+    """Solve pieces of known lengths, `length` in sum [m], for the force that makes them reach a chord (dims,) [m].
+
+    Raises
+    ------
+    SceneError
+        If no such cable exists; the message begins with the key `name` of the length.
+    """
+    if has_no_shape(pieces, chord):
+        longest = float(size_of(chord))
+        allowed = f"at most the chord, {longest:.12g} m, as a slack cable without load has no shape at rest"
         raise scene_error(name, length, allowed)
-    force = _force(pieces, search.chord, search.uniform(length, length)[1])
+    force = _force(pieces, chord, _uniform(pieces, chord, "unstretched_length", length, length)[1])
     if force is None:
         raise scene_error(name, length, "a value with a catenary in double precision")
     return PiecewiseCatenary(pieces, force)
+
+
+def end_stiffness(catenary: PiecewiseCatenary) -> np.ndarray:
+    """Return the static stiffness of the upper end of a cable, the lower one held (dims, dims) [N/m]."""
+    return np.linalg.inv(_chord(catenary.pieces, catenary.force)[1])
 
 
 def _of_quantity(search: _Search, value: float, name: str) -> PiecewiseCatenary:

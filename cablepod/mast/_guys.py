@@ -8,8 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
+from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
 from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
 from cablepod.condensed._host import _gauss, static_stiffness
+from cablepod.mast._piecewise_guys import LENGTH, in_mean_wind, still_pieces
 from cablepod.parameters._mast import Guy, MastParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._mast_field import GUY_POINTS
@@ -24,12 +27,13 @@ POINTS, PASSES = 41, 3
 
 @dataclass(frozen=True, eq=False)
 class StaticGuy:
-    """A guy of known unstretched length, with a uniform load."""
+    """A guy of known unstretched length, with a uniform load, or of pieces with loads of their own."""
 
     p: Parameters
     length: float  #: unstretched [m]
     #: Reactions of anchor and mast to drag, beside those to the uniform load (2, 3) [N].
     reactions: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
+    pieces: Pieces | None = None  #: of a guy with segments or attachments, which have the drag; None for a uniform one
 
     @property
     def chord(self) -> np.ndarray:
@@ -41,14 +45,24 @@ class StaticGuy:
         return replace(self, p=replace(self.p, upper=upper))
 
     def force(self) -> tuple[np.ndarray, float, float]:
-        """Return the force of the uniform load on the mast (3,), and the tensions at the anchor and at the mast [N]."""
+        """Return the force of the load on the mast (3,), and the tensions at the anchor and at the mast [N]."""
+        if self.pieces is not None:
+            anchor, mast = self.hung().end_forces
+            return -mast, float(np.linalg.norm(anchor)), float(np.linalg.norm(mast))
         plane = load_plane(self.p)
         _, _, horizontal, middle, lower, upper = solve_statics(self.p, "unstretched_length", self.length)
         against = middle + 0.5 * plane.load * self.length
         return -(horizontal * plane.across + against * plane.against), float(lower), float(upper)
 
+    def hung(self) -> PiecewiseCatenary:
+        """Return the catenary of a guy of pieces."""
+        assert self.pieces is not None
+        return between_ends(self.pieces, self.chord, self.length, LENGTH)
+
     def stiffness(self) -> np.ndarray:
         """Return the stiffness of the upper end (3, 3) [N/m]."""
+        if self.pieces is not None:
+            return end_stiffness(self.hung())
         if not self.force()[2] > 0.0:
             return np.zeros((3, 3))  # slack, without weight
         return static_stiffness(self.p, self.length, self.p.upper)
@@ -69,12 +83,15 @@ class GuyStatics:
         self._plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
         _kernels_plane.load_planes(chords, loads, self._plane, self._across, self._against)
         self._solved, status = solve_catenaries(tuple(self._plane), self._spring, "unstretched_length", self._length)
+        own = [g for g, guy in enumerate(guys) if guy.pieces is not None]
+        self._hung = {g: guys[g].at(upper[g]).hung() for g in own}
+        self._solved[own] = np.nan
         for g in np.flatnonzero(status != _kernels_solve.FOUND).tolist():
             guys[g].at(upper[g]).force()  # says what is wrong
 
     @property
     def solved(self) -> np.ndarray:
-        """Solutions of the catenaries (guys, 6), see ``cablepod.catenary._kernels_solve``."""
+        """Solutions of the uniform catenaries (guys, 6), see ``cablepod.catenary._kernels_solve``; nan for guys of pieces."""
         return self._solved
 
     @property
@@ -108,7 +125,10 @@ class GuyStatics:
         horizontal, middle, half = self._solved[:, 2], self._solved[:, 3], 0.5 * self._plane[3] * self._length
         across, against = np.stack([horizontal, -horizontal], axis=1), np.stack([middle - half, -middle - half], axis=1)
         uniform = across[..., None] * self._across[:, None] + against[..., None] * self._against[:, None]
-        return uniform + self._reactions
+        result = uniform + self._reactions
+        for g, catenary in self._hung.items():
+            result[g] = catenary.end_forces * [[1.0], [-1.0]]
+        return result
 
     @property
     def tensions(self) -> np.ndarray:
@@ -121,8 +141,9 @@ class GuyStatics:
         _, _, force, middle, lower, top = self._solved.T
         hanging = self._plane[3] * self._length
         curved = (hanging > 1e-12 * (lower + top)) & (force > 1e-12 * (lower + top))
-        for g in np.flatnonzero(~curved).tolist():  # straight, slack or along the load
-            result[g] = self._guys[g].at(self._upper[g]).stiffness()
+        for g in np.flatnonzero(~curved).tolist():  # straight, slack, along the load, or of pieces
+            hung = self._hung.get(g)
+            result[g] = self._guys[g].at(self._upper[g]).stiffness() if hung is None else end_stiffness(hung)
         force, hanging, load = force[curved], hanging[curved], self._plane[3, curved]
         low, high = middle[curved] - 0.5 * hanging, middle[curved] + 0.5 * hanging
         start = np.arcsinh(low / force)
@@ -150,7 +171,8 @@ def static_guys(p: MastParameters) -> list[StaticGuy]:
     guys = []
     for guy in p.guys:
         length = unstretched_length_of(guy)
-        guys.append(StaticGuy(replace(guy.p, length_key="unstretched_length", length_value=length, bare=None), length))
+        p = replace(guy.p, length_key="unstretched_length", length_value=length, bare=None)
+        guys.append(StaticGuy(p, length, pieces=still_pieces(p, length)))
     return guys
 
 
@@ -168,10 +190,43 @@ def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | 
 
     With the drag q per unit of :math:`\sigma`, from anchor to mast, that load is :math:`6 \int \sigma (1 - \sigma) q\, d\sigma`.
     The ends carry the rest r, :math:`\int (1 - \sigma) r\, d\sigma` and :math:`\int \sigma r\, d\sigma`, which keeps sum and
-    moment of the drag.  The wind is that of the scene, or that of a field.
+    moment of the drag.  Guys of pieces have it piece by piece, see :func:`cablepod.mast._piecewise_guys.in_mean_wind`.  The wind
+    is that of the scene, or that of a field.
     """
     if not guys or (air is None and (p.wind is None or float(p.wind["ramp"]))):
         return list(guys)
+    result = [guy if guy.pieces is None else _in_wind(guy, g, p, air) for g, guy in enumerate(guys)]
+    uniform = [g for g, guy in enumerate(guys) if guy.pieces is None]
+    for g, guy in zip(uniform, _uniform_in_wind(guys, uniform, p, air), strict=True):
+        result[g] = guy
+    return result
+
+
+def _in_wind(guy: StaticGuy, number: int, p: MastParameters, air: MastAir | None) -> StaticGuy:
+    """Return the guy of pieces of a number with the mean drag, see :func:`with_mean_drag`."""
+    if air is None:
+        assert p.wind is not None
+        table, density = p.wind, float(p.wind["air_density"])
+
+        def wind(position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+            return np.asarray(mean_speed(table, position[:, 1] - float(table["ground"]))[:, None] * direction_of(table))
+    else:
+        density, points, own = air.density, np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[number]
+
+        def wind(position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+            return np.stack([np.interp(sigma, points, part) for part in own.T], axis=1)
+
+    assert guy.pieces is not None
+    return replace(guy, pieces=in_mean_wind(guy.p, guy.pieces, wind, density))
+
+
+def _uniform_in_wind(
+    all_guys: Sequence[StaticGuy], which: Sequence[int], p: MastParameters, air: MastAir | None
+) -> list[StaticGuy]:
+    """Return the uniform guys of some numbers with the mean drag, see :func:`with_mean_drag`."""
+    guys: Sequence[StaticGuy] = [all_guys[g] for g in which]
+    if not guys:
+        return []
     from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
 
     sigma, upper = np.linspace(0.0, 1.0, POINTS), np.array([guy.p.upper for guy in guys])
@@ -179,7 +234,7 @@ def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | 
     drag = np.array([drag_of(guy.p, density) for guy in guys])
     position, tension = np.empty((len(guys), 3, POINTS)), np.empty(POINTS)
     if air is not None:
-        points, own = np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)
+        points, own = np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[which]
         wind = np.array([[np.interp(sigma, points, part) for part in along.T] for along in own])
     for _ in range(PASSES):
         statics = GuyStatics(guys, upper)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.mast._piecewise_guys import mass_at_mast
 from cablepod.mast._statics import MastRest, load_vectors, seen_by
 
 
@@ -20,7 +21,7 @@ class ModalMast:
     @cached_property
     def mass_with_guys(self) -> np.ndarray:
         """Mass of the mast with a third of each guy's at its upper end (count, count)."""
-        thirds = np.array([guy.p.mass * guy.length / 3.0 for guy in self.rest.bare])
+        thirds = np.array([mass_at_mast(guy.p, guy.length) for guy in self.rest.bare])
         return self.rest.beam.mass + seen_by(self.rest.rows, thirds[:, None, None] * np.eye(2))
 
     @cached_property

@@ -41,15 +41,18 @@ class MastCase:
     """A scene with checked options, its model and its request; options as of :func:`cablepod.mast.simulate`."""
 
     def __init__(
-        self, scene: xr.Dataset, modes: xr.Dataset | None, *, guys: str, rank: int | None, links: int | None, times: Any,
+        self, scene: xr.Dataset, modes: xr.Dataset | None, *, guys: str | None, rank: int | None, links: int | None, times: Any,
         step: float | None, tolerance: float | None, window: tuple[float, float] | None, wind: xr.Dataset | None,
         outputs: tuple[str, ...],
     ) -> None:  # fmt: skip
         self.wanted = check_outputs(outputs, output.OUTPUTS)
-        choice(*KINDS)("guys", guys)
+        if guys is not None:
+            choice(*KINDS)("guys", guys)
         if modes is not None:
             modes = taken("modes", modes, NORMAL_MODES)
         self.p = p = mast_parameters(scene)
+        if guys is None:
+            guys = kind_of_guys(p)
         _check_numbers(rank, links, step, tolerance, window)
         in_wind = p.wind is not None or wind is not None
         _check_kind(p, guys, self.wanted, in_wind=in_wind, rank=rank, modes=modes, links=links)
@@ -132,21 +135,42 @@ class MastCase:
         return result
 
 
+def kind_of_guys(p: MastParameters) -> str:
+    """Return the kind of guys by default: condensed models, and chains where a guy has segments or attachments."""
+    return "chain" if first_thing(p) is not None else "condensed"
+
+
+def first_thing(p: MastParameters) -> str | None:
+    """Return the key path of the first attachment or list of segments of a guy; None without."""
+    for guy in p.guys:
+        if guy.p.segments:
+            return f"cables.{guy.name}.segment"
+        if guy.p.attachments:
+            return guy.p.attachments[0].key
+    return None
+
+
 def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:
     """Refuse options and outputs that the kind of guys lacks."""
+    thing = first_thing(p)
+    if thing is not None and guys != "chain":
+        raise SceneError(f'{thing}: given; allowed: none with guys "{guys}"; try: guys="chain", which is the default here')
     for key, kind in (("rank", "condensed"), ("modes", "condensed"), ("links", "chain")):
         if options[key] is not None and guys != kind:
-            raise SceneError(f'{key}: given with guys "{guys}"; allowed: none; try: guys="{kind}"')
+            remedy = f'; try: guys="{kind}"' if thing is None else f", as a guy has {thing}"
+            raise SceneError(f'{key}: given with guys "{guys}"; allowed: none{remedy}')
     for name in ("energy", "error_estimate", "guy_position"):
         if name in wanted and guys != "condensed":
-            raise scene_error("outputs", name, f'none with guys "{guys}"; try: guys="condensed"')
+            remedy = '; try: guys="condensed"' if thing is None else f", as a guy has {thing}"
+            raise scene_error("outputs", name, f'none with guys "{guys}"{remedy}')
     if "energy" in wanted and in_wind:
         raise scene_error("outputs", "energy", "none with wind, which supplies energy")
     for guy in p.guys:
         if guy.breaks is not None and guys == "catenary":
             raise scene_error(f"{guy.key}.breaks", guy.breaks, 'none with guys "catenary"; try: guys="condensed"')
         if guys != "condensed" and guy.p.damping_ratios is not None:
-            raise ratios_error(guy.p, f'none with guys "{guys}"; try: guys="condensed"')
+            remedy = 'guys="condensed"' if thing is None else "damping.mass_proportional"
+            raise ratios_error(guy.p, f'none with guys "{guys}"; try: {remedy}')
 
 
 def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any) -> None:

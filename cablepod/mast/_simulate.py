@@ -18,7 +18,7 @@ def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset | None = None,
     *,
-    guys: str = "condensed",
+    guys: str | None = None,
     rank: int | None = None,
     links: int | None = None,
     times: Any = None,
@@ -39,7 +39,8 @@ def simulate(
         Modes of layout "normal" of the guys' deflections, carried over by the relative arc length; sines by default.
     guys
         "condensed": reduced models of the guys; "chain": lumped masses and elastic links; "catenary": static catenaries in still
-        air, which have the drag's part at the mast but no motion of their own.
+        air, which have the drag's part at the mast but no motion of their own.  Condensed by default; chains where a cable of a
+        guy has segments or attachments, which the other kinds refuse.
     rank
         Number of modes of each deflection of a condensed guy; 4 by default.
     links
@@ -79,7 +80,8 @@ def simulate(
     Raises
     ------
     SceneError
-        For invalid options, a step above the stability limit, static guys that break, and as :func:`rest`.
+        For invalid options, a step above the stability limit, static guys that break, segments or attachments with other guys
+        than chains, and as :func:`rest`.
     RunStopped
         If the motion leaves the finite numbers or stiffens beyond the stability limit; ``partial`` is the result until then.
 

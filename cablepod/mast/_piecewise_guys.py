@@ -1,0 +1,92 @@
+"""Guys of several segments, or with attachments: pieces of their catenaries, mean drag on these, their mass at the mast."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cablepod.catenary._piecewise import Pieces, pieces_of, size_of
+from cablepod.catenary._piecewise_solve import between_ends
+from cablepod.parameters._parameters import Parameters
+
+#: Key of the length of a guy in errors of its statics.
+LENGTH = "cable.unstretched_length"
+#: Least number of pieces with a drag of their own, relative last change of the drag, maximum number of iterations.
+PIECES, DRAG_RTOL, MAX_ITERATIONS = 40, 1e-11, 60
+
+#: Velocity of the air (points, 3) [m/s] at positions (points, 3) [m] and relative arc lengths (points,).
+Air = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def still_pieces(p: Parameters, length: float) -> Pieces | None:
+    """Return the pieces of a guy of an unstretched length [m] in still air; None for a uniform guy that carries nothing."""
+    return pieces_of(p, length) if p.segments or p.attachments else None
+
+
+def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float) -> Pieces:
+    """Return the pieces of a guy with the mean drag on them and on its attachments.
+
+    The guy is cut into at least forty parts.  The drag on each is that of its segment in its middle, on its chord; that on an
+    attachment is a force at its place.  Both follow the shape.
+
+    Parameters
+    ----------
+    p
+        Parameters of the guy between its ends.
+    pieces
+        Of the guy in still air.
+    air
+        Mean velocity of the air.
+    density
+        Density of the air [kg/m3].
+    """
+    total = float(pieces.length.sum())
+    bodies = [attachment for attachment in p.attachments if attachment.drag_area]
+    places = total * np.array([attachment.fraction(total) for attachment in bodies])
+    still = pieces.cut(np.concatenate([total / PIECES * np.arange(1, PIECES), places]))
+    ends = np.cumsum(still.length)
+    at_body = np.abs(ends[:, None] - places).argmin(axis=0)
+    areas = np.array([attachment.drag_area for attachment in bodies])
+    middle = (ends - 0.5 * still.length) / total
+    widths, chord, loaded = _widths(p, middle), p.upper - p.lower, still
+    before = np.zeros_like(still.attached)
+    for _ in range(MAX_ITERATIONS):
+        found = between_ends(loaded, chord, total, LENGTH)
+        position = p.lower + np.concatenate([np.zeros((1, 3)), found.at(ends)[0]])
+        reach = np.diff(position, axis=0)
+        stretched = size_of(reach)
+        tangent = reach / stretched[:, None]
+        wind = air(0.5 * (position[1:] + position[:-1]), middle)
+        normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
+        on_parts = (0.5 * density * widths * stretched * size_of(normal))[:, None] * normal
+        at_places = air(position[1:][at_body], ends[at_body] / total)
+        on_bodies = (0.5 * density * areas * size_of(at_places))[:, None] * at_places
+        attached = still.attached.copy()
+        np.add.at(attached, at_body, on_bodies)
+        loaded = still._replace(load=still.load + on_parts / still.length[:, None], attached=attached)
+        total_drag = on_parts + attached - still.attached
+        if np.abs(total_drag - before).max() <= DRAG_RTOL * np.abs(total_drag).max():
+            break
+        before = total_drag
+    return loaded
+
+
+def _widths(p: Parameters, sigma: np.ndarray) -> np.ndarray:
+    """Return drag coefficient times diameter at relative arc lengths (points,) [m]."""
+    if not p.segments:
+        return np.full(sigma.size, float(p.drag_coefficient) * float(p.diameter))
+    own = np.array([segment.drag_coefficient * (segment.diameter or 0.0) for segment in p.segments])
+    return own[np.searchsorted([segment.end for segment in p.segments], sigma)]
+
+
+def mass_at_mast(p: Parameters, length: float) -> float:
+    r"""Return the mass of a guy of an unstretched length [m] at its upper end [kg]: a third of that of a uniform one.
+
+    It is :math:`\int\mu\sigma^2dS + \sum m\sigma^2`, that of a guy that stays straight.
+    """
+    if not (p.segments or p.attachments):
+        return float(p.mass * length / 3.0)
+    parts = [(segment.start, segment.end, segment.mass) for segment in p.segments] or [(0.0, 1.0, float(p.mass))]
+    mass = sum(mass * (end**3 - start**3) for start, end, mass in parts) * length / 3.0
+    return float(mass + sum(attachment.mass * attachment.fraction(length) ** 2 for attachment in p.attachments))
