@@ -87,9 +87,7 @@ class _Search:
         return _uniform(pieces_of(self.p, length), self.chord, self.key, value, length)
 
 
-def _uniform(
-    pieces: Pieces, chord: np.ndarray, key: str, value: float, length: float
-) -> tuple[float, np.ndarray]:
+def _uniform(pieces: Pieces, chord: np.ndarray, key: str, value: float, length: float) -> tuple[float, np.ndarray]:
     """Return length [m] and force [N] of the uniform cable, as :meth:`_Search.uniform`."""
     from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
 

@@ -16,6 +16,7 @@ from cablepod.errors import scene_error
 from cablepod.mast._drive import drive_of
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, drag_of, refined
 from cablepod.wind._drag_rate import drag_step_limit
@@ -28,6 +29,11 @@ STEP_OVER_LIMIT = 0.5
 VISCOSITY = 0.05
 #: Maximum time over which the drag is held [s], and number of steps.
 MAX_HOLD_TIME, MAX_HOLD = 0.01, 8
+
+
+def links_of(p: MastParameters) -> int:
+    """Return the number of links of a guy that the scene gives, or that of scenes without one."""
+    return (p.guys[0].p.links if p.guys else None) or 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +179,8 @@ class ChainGuys:
             np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, mast.pulls(),
             matrices.keep, matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
             np.array([chain.p.stiffness for chain in self.chains]), self.link_lengths,
-            mass, end_mass, self._unequal(), VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks), drive.load_vectors, drive.factors,
+            mass, end_mass, self._unequal(), VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks),
+            drive.load_vectors, drive.factors,
             drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
             drive.refined_samples_per_step, wind, drag, result.modal, result.rates, result.force,
             result.tension, result.drag, result.level_extremes, result.level_sums, result.tension_extremes, result.tension_sums,

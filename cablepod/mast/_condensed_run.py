@@ -14,9 +14,8 @@ from cablepod.mast._air import steady_along_guys
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
 from cablepod.mast._condensed_lanes import Lanes, run_alone
 from cablepod.mast._drive import Drive
-from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared
+from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared, with_guys
 from cablepod.mast._request import MastRequest, MastTrajectory
-from cablepod.mast._statics import seen_by
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT, drag_step_limit
 from cablepod.wind._mast_air import MastAir
 
@@ -141,16 +140,7 @@ class CondensedGuys:
         mass, stiffness
             Of the mast without guys (n, n).
         """
-        n, r2, count = len(mass), 2 * self.rank, self.guys.count
-        total_mass, total = np.eye(n + r2 * count), np.zeros((n + r2 * count,) * 2)
-        total_mass[:n, :n] = mass + seen_by(rows, self.end_mass)
-        total[:n, :n] = stiffness + seen_by(rows, self.tangents[:, r2:, r2:])
-        for g in range(count):
-            tangent, where = self.tangents[g], slice(n + r2 * g, n + r2 * (g + 1))
-            total[where, where] = tangent[:r2, :r2]
-            total[where, :n] = tangent[:r2, r2:] @ rows[g]
-            total[:n, where] = total[where, :n].T
-        return total_mass, total
+        return with_guys(rows, mass, stiffness, self.end_mass, self.tangents)
 
     # --- time stepping ------------------------------------------------------------------------------------------------
 

@@ -10,10 +10,13 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.errors import scene_error
+from cablepod.mast._chain_modes import guy_modes
+from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import sines
 from cablepod.mast._condensed_run import CondensedGuys
-from cablepod.mast._model import ModalMast
+from cablepod.mast._model import ModalMast, with_guys
 from cablepod.mast._output import dataset, spatial
+from cablepod.mast._piecewise_guys import kind_of_guys, mass_at_mast, refuse_things
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._mast import mast_parameters
@@ -21,12 +24,12 @@ from cablepod.scene._mast import MAST_SCENE
 from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
 
-#: Kinds of guys: with their own motion, as springs.
-KINDS = ("condensed", "catenary")
+#: Kinds of guys: with their own motion, as reduced models or as chains; as springs.
+KINDS = ("condensed", "chain", "catenary")
 
 
 @over_members_by(no_plan, kind=MAST_SCENE)
-def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", rank: int = 8) -> xr.Dataset:
+def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, rank: int = 8) -> xr.Dataset:
     """Compute the lowest frequencies of mast and guys about rest in the mean wind of the scene, without damping.
 
     Parameters
@@ -36,10 +39,11 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
     count
         Number of frequencies.
     guys
-        "condensed": with the motion of the guys, by `rank` sines of each deflection; "catenary": springs of the static stiffness,
-        with a third of the mass of each guy at the mast, as practice has them.
+        "condensed", the default: with the motion of the guys, by `rank` sines of each deflection; "chain": the same by twice as
+        many modes of a chain of as many links as the scene has, with segments and attachments, and the default where a guy has
+        them; "catenary": springs of the static stiffness, with a third of the mass of each guy at the mast, as practice has them.
     rank
-        Number of sines.
+        Number of sines; half of the number of modes.
 
     Returns
     -------
@@ -50,7 +54,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
     Raises
     ------
     SceneError
-        For invalid options, and as :func:`rest`.
+        For invalid options, condensed guys with segments or attachments, and as :func:`rest`.
 
     Notes
     -----
@@ -69,18 +73,26 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
 
     integer(least=1, most=10**4)("count", count)
     integer(least=1, most=60)("rank", rank)
-    choice(*KINDS)("guys", guys)
     p = mast_parameters(scene)
+    guys = kind_of_guys(p) if guys is None else choice(*KINDS)("guys", guys)
+    if guys == "condensed":
+        refuse_things(p, guys)
     air = mean_mast_air(p)
     at_rest = rest_in(p, air)
-    n, r2 = at_rest.beam.count, 2 * rank if guys == "condensed" else 0
-    if guys == "condensed":
-        model = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, air)
-        mass, stiffness = model.system(at_rest.rows, at_rest.beam.mass, at_rest.mast_stiffness)
-    else:
+    n, r2 = at_rest.beam.count, 0
+    thirds = [mass_at_mast(guy.p, guy.length) for guy in at_rest.bare]
+    if guys == "catenary" or not p.guys:
         stiffness, mass = at_rest.stiffness, at_rest.beam.mass.copy()
-        for row, guy in zip(at_rest.rows, at_rest.bare, strict=True):
-            mass += guy.p.mass * guy.length / 3.0 * row.T @ row
+        for row, third in zip(at_rest.rows, thirds, strict=True):
+            mass += third * row.T @ row
+    else:
+        if guys == "condensed":
+            model: Any = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, air)
+        else:
+            model = guy_modes(ChainGuys(ModalMast(at_rest), links_of(p), air), 2 * rank)
+        r2 = model.tangents.shape[1] - 2
+        of_mast = at_rest.rows, at_rest.beam.mass, at_rest.mast_stiffness
+        mass, stiffness = with_guys(*of_mast, model.end_mass, model.tangents)
     if count > len(mass):
         raise scene_error("count", count, f"at most {len(mass)}, the number of unknowns")
     squared, vectors = eigh(stiffness, mass, subset_by_index=[0, count - 1])
@@ -104,7 +116,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
                 own[:, g] = (vectors[n + r2 * g : n + r2 * (g + 1)] ** 2).sum(axis=0)
                 own[:, g] += np.einsum("mi,ij,mj->m", ends, model.end_mass[g], ends)
             else:
-                own[:, g] = at_rest.bare[g].p.mass * at_rest.bare[g].length / 3.0 * (ends**2).sum(axis=1)
+                own[:, g] = thirds[g] * (ends**2).sum(axis=1)
         variables["guy_share"] = (("mode", "guy"), own)
     coords = {
         "mode": np.arange(1, count + 1),

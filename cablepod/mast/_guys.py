@@ -171,8 +171,8 @@ def static_guys(p: MastParameters) -> list[StaticGuy]:
     guys = []
     for guy in p.guys:
         length = unstretched_length_of(guy)
-        p = replace(guy.p, length_key="unstretched_length", length_value=length, bare=None)
-        guys.append(StaticGuy(p, length, pieces=still_pieces(p, length)))
+        own = replace(guy.p, length_key="unstretched_length", length_value=length, bare=None)
+        guys.append(StaticGuy(own, length, pieces=still_pieces(own, length)))
     return guys
 
 

@@ -168,6 +168,32 @@ class StepMatrices:
     fitted_mass: np.ndarray  #: with which the leapfrog scheme has the exact frequencies
 
 
+def with_guys(
+    rows: np.ndarray, mass: np.ndarray, stiffness: np.ndarray, end_mass: np.ndarray, tangents: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mass and stiffness of mast and guys in momentum coordinates of the guys, which have a mass of one.
+
+    Parameters
+    ----------
+    rows
+        Displacement of the guys' upper ends by the coordinates of the mast (guys, 2, n).
+    mass, stiffness
+        Of the mast without guys (n, n).
+    end_mass, tangents
+        Mass of the upper ends (guys, 2, 2); stiffness of the coordinates of each guy and its end (guys, r + 2, r + 2).
+    """
+    n, count, r = len(mass), len(tangents), tangents.shape[1] - 2
+    total_mass, total = np.eye(n + r * count), np.zeros((n + r * count,) * 2)
+    total_mass[:n, :n] = mass + seen_by(rows, end_mass)
+    total[:n, :n] = stiffness + seen_by(rows, tangents[:, r:, r:])
+    for g in range(count):
+        tangent, where = tangents[g], slice(n + r * g, n + r * (g + 1))
+        total[where, where] = tangent[:r, :r]
+        total[where, :n] = tangent[:r, r:] @ rows[g]
+        total[:n, where] = total[where, :n].T
+    return total_mass, total
+
+
 def sinc_squared(phase: Any) -> Any:
     """Return (sin(phase / 2) / (phase / 2))^2 for a phase of at most half a turn, held beyond.
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from cablepod.catenary._piecewise import Pieces, pieces_of, size_of
 from cablepod.catenary._piecewise_solve import between_ends
+from cablepod.errors import SceneError
+from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import Parameters
 
 #: Key of the length of a guy in errors of its statics.
@@ -17,6 +19,34 @@ PIECES, DRAG_RTOL, MAX_ITERATIONS = 40, 1e-11, 60
 
 #: Velocity of the air (points, 3) [m/s] at positions (points, 3) [m] and relative arc lengths (points,).
 Air = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def kind_of_guys(p: MastParameters) -> str:
+    """Return the kind of guys by default: condensed models, and chains where a guy has segments or attachments."""
+    return "chain" if first_thing(p) is not None else "condensed"
+
+
+def first_thing(p: MastParameters) -> str | None:
+    """Return the key path of the first segment or attachment of a guy; None without.
+
+    One without effect counts too, so that all members of an ensemble have guys of one kind.
+    """
+    return next((guy.thing for guy in p.guys if guy.thing is not None), None)
+
+
+def refuse_things(p: MastParameters, guys: str) -> None:
+    """Refuse segments and attachments with guys of a kind that lacks them.
+
+    Raises
+    ------
+    SceneError
+        The message begins with the path of the first one.
+    """
+    thing = first_thing(p)
+    if thing is not None:
+        raise SceneError(
+            f'{thing}: given; allowed: none with guys "{guys}"; try: guys="chain", which is the default here'
+        )
 
 
 def still_pieces(p: Parameters, length: float) -> Pieces | None:

@@ -17,11 +17,12 @@ from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, RunStopped, 
 from cablepod.integrate._request import check_outputs, check_times
 from cablepod.mast import _output as output
 from cablepod.mast._catenary_run import CatenaryGuys
-from cablepod.mast._chain_run import ChainGuys
+from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys
 from cablepod.mast._envelopes import NEED_FORCES
 from cablepod.mast._model import ModalMast
+from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_things
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
@@ -135,26 +136,11 @@ class MastCase:
         return result
 
 
-def kind_of_guys(p: MastParameters) -> str:
-    """Return the kind of guys by default: condensed models, and chains where a guy has segments or attachments."""
-    return "chain" if first_thing(p) is not None else "condensed"
-
-
-def first_thing(p: MastParameters) -> str | None:
-    """Return the key path of the first attachment or list of segments of a guy; None without."""
-    for guy in p.guys:
-        if guy.p.segments:
-            return f"cables.{guy.name}.segment"
-        if guy.p.attachments:
-            return guy.p.attachments[0].key
-    return None
-
-
 def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:
     """Refuse options and outputs that the kind of guys lacks."""
     thing = first_thing(p)
-    if thing is not None and guys != "chain":
-        raise SceneError(f'{thing}: given; allowed: none with guys "{guys}"; try: guys="chain", which is the default here')
+    if guys != "chain":
+        refuse_things(p, guys)
     for key, kind in (("rank", "condensed"), ("modes", "condensed"), ("links", "chain")):
         if options[key] is not None and guys != kind:
             remedy = f'; try: guys="{kind}"' if thing is None else f", as a guy has {thing}"
@@ -200,7 +186,7 @@ def _model_of(mast: ModalMast, guys: str, modes: Any, rank: int, links: int | No
             rank = min(rank, modes.sizes["mode"])
         return CondensedGuys(mast, shapes_of(modes, rank), air)
     if guys == "chain":
-        return ChainGuys(mast, links or (mast.rest.p.guys[0].p.links if mast.rest.p.guys else 2) or 2, air)
+        return ChainGuys(mast, links or links_of(mast.rest.p), air)
     return CatenaryGuys(mast, air)
 
 

@@ -11,8 +11,10 @@ from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import ENDINGS_OF_AIR, label, names_in_air
 from cablepod.errors import SceneError
+from cablepod.mast._chain_run import links_of
 from cablepod.mast._frequencies import frequencies
 from cablepod.mast._output import NAMES
+from cablepod.mast._piecewise_guys import first_thing
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
@@ -66,8 +68,8 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Notes tell of a critical factor of buckling below 3, guys that are nearly slack at rest, and displacements at rest beyond a
-    fiftieth of the height, where slopes are no longer small.
+    Notes tell of guys that move as chains, of a critical factor of buckling below 3, guys that are nearly slack at rest, and
+    displacements at rest beyond a fiftieth of the height, where slopes are no longer small.
 
     Examples
     --------
@@ -138,6 +140,8 @@ def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str
 def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:
     """Return what is unusual, a line each."""
     notes = []
+    if (thing := first_thing(p)) is not None:
+        notes.append(f"{thing}: guys move as chains of {links_of(p)} links, which chain.links changes")
     factor = float(at_rest["buckling_factor"])
     if factor < LOW_BUCKLING_FACTOR:
         notes.append(f"the critical factor of buckling is {factor:.3g}: imperfections, which are not modelled, matter")

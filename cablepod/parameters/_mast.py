@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -55,6 +56,8 @@ class Guy:
     level: float  #: height of its upper end [m]
     p: Parameters  #: as of a scene of this cable alone
     breaks: float | None  #: time at which it breaks [s]
+    #: key path of the first segment or attachment that the scene gives its cable, if only one without effect; None without
+    thing: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +248,9 @@ def _guys(values: Mapping[str, Any], expansion: float) -> list[Guy]:
         breaks: list[float | None] = [None] * len(anchors)
         if (broken := broken_guy(path, table)) is not None:
             breaks[broken] = float(table["breaks"])
-        own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()} | _things(values, cable)
+        things = _things(values, cable)
+        thing = next((f"cables.{cable}.{name.split('_')[0]}.1" for name in things), None)
+        own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()} | things
         common, above = {"chain_links": LINKS, **shared, **own}, f"cables.{cable}."
         ends = {"ends_lower": anchors[0], "ends_upper": np.array([0.0, level, 0.0])}
         of_anchors = [_from_values({**common, **ends}, above=above)]
@@ -258,10 +263,7 @@ def _guys(values: Mapping[str, Any], expansion: float) -> list[Guy]:
             level *= expansion
             upper = np.array([0.0, level, 0.0])
             of_anchors = [replace(p, upper=upper, bare=p.bare or p) for p in of_anchors]
-        guys += [
-            Guy(path, number, cable, level, p, time)
-            for p, time in zip(of_anchors, breaks, strict=True)
-        ]
+        guys += [Guy(path, number, cable, level, p, time, thing) for p, time in zip(of_anchors, breaks, strict=True)]
         number += 1
     if table:
         _check_present(path, table, ("level",))
@@ -271,8 +273,8 @@ def _guys(values: Mapping[str, Any], expansion: float) -> list[Guy]:
 def _things(values: Mapping[str, Any], cable: str) -> dict[str, Any]:
     """Return the values of the segments and attachments of a cable by the names that a scene of this cable alone has."""
     above = f"cables_{cable}_"
-    lists = tuple(f"{above}{name}_" for name in GUY_LISTED)
-    return {name.removeprefix(above): value for name, value in values.items() if name.startswith(lists)}
+    own = re.compile(rf"{above}({'|'.join(GUY_LISTED)})_\d+_\w+")
+    return {name.removeprefix(above): value for name, value in values.items() if own.fullmatch(name)}
 
 
 def broken_guy(prefix: str, table: Mapping[str, Any]) -> int | None:

@@ -260,7 +260,11 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
 
 
 def check_segments(
-    tables: Any, tree: dict[str, Any], folder: Path, name: str = "segment", lengths: tuple[str, tuple[str, ...]] = LENGTHS
+    tables: Any,
+    tree: dict[str, Any],
+    folder: Path,
+    name: str = "segment",
+    lengths: tuple[str, tuple[str, ...]] = LENGTHS,
 ) -> list[dict[str, Any]]:
     """Check the tables [[segment]]: their keys, the cable that each makes, their bounds.
 

@@ -176,7 +176,8 @@ def _check_cables(tables: Any, tree: Mapping[str, Any], folder: Path) -> dict[st
             raise SceneError(
                 f"cables.{name}: given the name of a table in a list; allowed: a name without _segment_1, _attachment_1"
             )
-        prefix, lists = f"cables.{name}", {}
+        prefix = f"cables.{name}"
+        lists: dict[str, Any] = {}
         if isinstance(table, Mapping):
             for key in table:
                 if key in GUY_LENGTH_KEYS:

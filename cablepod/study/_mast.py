@@ -16,6 +16,7 @@ from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
 from cablepod.integrate._window import window_attributes
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
+from cablepod.mast._piecewise_guys import kind_of_guys
 from cablepod.parameters._mast import mast_parameters
 from cablepod.study._figures import check_backend
 from cablepod.study._models import recorded
@@ -68,7 +69,8 @@ def run_mast(
     add("frequencies", mast.frequencies(scene, count=count))
     at(0.2)
     breaks = any(str(name).startswith("guy_") and str(name).endswith("_breaks") for name in scene.data_vars)
-    options: dict[str, Any] = {"guys": "chain", "outputs": OUTPUTS[:-1]} if breaks else {"outputs": OUTPUTS}
+    has_chains = breaks or kind_of_guys(mast_parameters(scene)) == "chain"
+    options: dict[str, Any] = {"guys": "chain", "outputs": OUTPUTS[:-1]} if has_chains else {"outputs": OUTPUTS}
     window = None if breaks else _after_ramps(scene)
     if window is not None:
         options["window"] = window
