@@ -67,6 +67,7 @@ def pieces_of(p: Parameters, total: float) -> Pieces:
     # place = slope times length of the cable + a constant
     slopes = np.array(bounds + [_slope(attachment.place_key, attachment.place) for attachment in masses])
     weights = np.array([np.zeros(p.dims) for _ in bounds] + [attachment.weight for attachment in masses])
+    weights = weights.reshape(-1, p.dims)
     outside = (places < 0.0) | (places > 1.0)
     places, slopes = np.clip(places, 0.0, 1.0), np.where(outside, np.round(places > 1.0), slopes)
     order = np.argsort(places, kind="stable")

@@ -12,7 +12,7 @@ from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
 from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
 from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
 from cablepod.condensed._host import _gauss, static_stiffness
-from cablepod.mast._piecewise_guys import LENGTH, in_mean_wind, still_pieces
+from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
 from cablepod.parameters._mast import Guy, MastParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._mast_field import GUY_POINTS
@@ -34,6 +34,7 @@ class StaticGuy:
     #: Reactions of anchor and mast to drag, beside those to the uniform load (2, 3) [N].
     reactions: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
     pieces: Pieces | None = None  #: of a guy with segments or attachments, which have the drag; None for a uniform one
+    key: str = "cable"  #: key path of its table, for errors of the statics of pieces
 
     @property
     def chord(self) -> np.ndarray:
@@ -57,7 +58,12 @@ class StaticGuy:
     def hung(self) -> PiecewiseCatenary:
         """Return the catenary of a guy of pieces."""
         assert self.pieces is not None
-        return between_ends(self.pieces, self.chord, self.length, LENGTH)
+        return between_ends(self.pieces, self.chord, self.length, self.length_key)
+
+    @property
+    def length_key(self) -> str:
+        """Key path of its length."""
+        return f"{self.key}.unstretched_length"
 
     def stiffness(self) -> np.ndarray:
         """Return the stiffness of the upper end (3, 3) [N/m]."""
@@ -172,7 +178,7 @@ def static_guys(p: MastParameters) -> list[StaticGuy]:
     for guy in p.guys:
         length = unstretched_length_of(guy)
         own = replace(guy.p, length_key="unstretched_length", length_value=length, bare=None)
-        guys.append(StaticGuy(own, length, pieces=still_pieces(own, length)))
+        guys.append(StaticGuy(own, length, pieces=still_pieces(own, length), key=guy.key))
     return guys
 
 
@@ -217,7 +223,7 @@ def _in_wind(guy: StaticGuy, number: int, p: MastParameters, air: MastAir | None
             return np.stack([np.interp(sigma, points, part) for part in own.T], axis=1)
 
     assert guy.pieces is not None
-    return replace(guy, pieces=in_mean_wind(guy.p, guy.pieces, wind, density))
+    return replace(guy, pieces=in_mean_wind(guy.p, guy.pieces, wind, density, guy.length_key))
 
 
 def _uniform_in_wind(

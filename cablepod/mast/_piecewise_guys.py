@@ -12,8 +12,6 @@ from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import Parameters
 
-#: Key of the length of a guy in errors of its statics.
-LENGTH = "cable.unstretched_length"
 #: Least number of pieces with a drag of their own, relative last change of the drag, maximum number of iterations.
 PIECES, DRAG_RTOL, MAX_ITERATIONS = 40, 1e-11, 60
 
@@ -54,7 +52,7 @@ def still_pieces(p: Parameters, length: float) -> Pieces | None:
     return pieces_of(p, length) if p.segments or p.attachments else None
 
 
-def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float) -> Pieces:
+def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float, name: str) -> Pieces:
     """Return the pieces of a guy with the mean drag on them and on its attachments.
 
     The guy is cut into at least forty parts.  The drag on each is that of its segment in its middle, on its chord; that on an
@@ -70,6 +68,8 @@ def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float) -> Pie
         Mean velocity of the air.
     density
         Density of the air [kg/m3].
+    name
+        Key path of the length of the guy, for messages.
     """
     total = float(pieces.length.sum())
     bodies = [attachment for attachment in p.attachments if attachment.drag_area]
@@ -82,7 +82,7 @@ def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float) -> Pie
     widths, chord, loaded = _widths(p, middle), p.upper - p.lower, still
     before = np.zeros_like(still.attached)
     for _ in range(MAX_ITERATIONS):
-        found = between_ends(loaded, chord, total, LENGTH)
+        found = between_ends(loaded, chord, total, name)
         position = p.lower + np.concatenate([np.zeros((1, 3)), found.at(ends)[0]])
         reach = np.diff(position, axis=0)
         stretched = size_of(reach)
