@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from mast_scenes import SMALL, WIND, small
-from suite import slow
 
 import cablepod as cp
 from cablepod.errors import SceneError
@@ -18,7 +17,7 @@ from cablepod.parameters._mast import mast_parameters
 
 INSULATOR = {"distance_from_lower": 6.0, "mass": 15.0, "drag_area": 0.05}
 THINGS: dict[str, Any] = {
-    "segment": [{"to": 0.3, "density": 5000.0, "diameter": 0.02}, {}],
+    "segment": [{"to": 0.3, "youngs_modulus": 5e10, "density": 5000.0, "diameter": 0.02}, {}],
     "attachment": [
         INSULATOR, {"distance_from_upper": 10.0, "damper": 100.0, "spring": 300.0, "direction": "normal"}
     ],
@@ -40,7 +39,9 @@ def single(of_mast: dict[str, Any], anchor: Any) -> Any:
     """The scene of one guy of a mast alone, from its anchor to the straight mast."""
     guy, cable = of_mast["guy"][0], dict(of_mast["cables"]["guy"])
     lists = {name: cable.pop(name) for name in ("segment", "attachment") if name in cable}
-    shared = {name: of_mast[name] for name in ("wind", "ice", "damping", "time", "chain") if name in of_mast}
+    shared = {
+        name: of_mast[name] for name in ("temperature", "wind", "ice", "damping", "time", "chain") if name in of_mast
+    }
     ends = {"lower": np.asarray(anchor).tolist(), "upper": [0.0, guy["level"], 0.0]}
     return cp.make_scene({"cable": {**cable, "top_tension": guy["top_tension"]}, "ends": ends, **lists, **shared})
 
@@ -148,9 +149,11 @@ def test_too_few_links_are_refused() -> None:
 # --- rest ---------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("others", [{}, {"ice": {"thickness": 0.01}}])
+@pytest.mark.parametrize("others", [{}, {"ice": {"thickness": 0.01}}, {"temperature": -30.0}])
 def test_guys_of_a_rigid_mast_at_rest_are_single_cables(others: dict[str, Any]) -> None:
-    of_mast = tables(THINGS, mast={**RIGID, "diameter": 0.1}, **others)
+    parts = [{**THINGS["segment"][0], "thermal_expansion": 2.3e-5}, {}]
+    mast = {**RIGID, "diameter": 0.1, "thermal_expansion": 0.0}
+    of_mast = tables({**THINGS, "segment": parts, "thermal_expansion": 1.2e-5}, mast=mast, **others)
     rest = cp.mast.rest(cp.make_scene(of_mast))
     for g in range(3):
         cable = cp.catenary.rest(single(of_mast, rest.anchor[g]))
@@ -158,6 +161,17 @@ def test_guys_of_a_rigid_mast_at_rest_are_single_cables(others: dict[str, Any]) 
         np.testing.assert_allclose(rest.guy_tension[g], cable.tension_upper, rtol=1e-8)
         np.testing.assert_allclose(rest.guy_tension_anchor[g], cable.tension_lower, rtol=1e-8)
         np.testing.assert_allclose(rest.guy_length[g], cable.unstretched_length, rtol=1e-13)
+
+
+def test_stiffness_of_a_guy_is_the_slope_of_its_force() -> None:
+    scene = cp.make_scene(tables(THINGS, wind=WIND))
+    guy = rest_of(mast_parameters(scene)).guys[1]
+    step = 1e-4  # m
+    for axis in np.eye(3):
+        high, low = (guy.at(guy.p.upper + sign * step * axis).force()[0] for sign in (1.0, -1.0))
+        np.testing.assert_allclose(
+            guy.stiffness() @ axis, (low - high) / (2.0 * step), atol=1e-5 * guy.stiffness().max()
+        )
 
 
 def test_mean_drag_is_that_of_segments_and_attachments() -> None:
@@ -246,12 +260,12 @@ def test_a_straight_guy_brings_its_mass_to_the_mast() -> None:
 # --- storms -------------------------------------------------------------------------------------------------------------
 
 
-@slow
 @pytest.mark.parametrize("things", [{}, THINGS])
 def test_guys_of_a_rigid_mast_in_gusts_are_chains(things: dict[str, Any]) -> None:
     of_mast = tables(things, mast=RIGID, wind=WIND, time={"duration": 10.0, "interval": 0.05})
     scene = cp.make_scene(of_mast)
-    run, rest, field = cp.mast.simulate(scene, guys="chain", links=24), cp.mast.rest(scene), cp.wind.field(scene)
+    rest, field = cp.mast.rest(scene), cp.wind.field(scene)
+    run = cp.mast.simulate(scene, guys="chain", links=24, outputs=("displacement", "guy_tension", "anchor_force"))
     assert float(np.abs(run.displacement).max()) < 1e-6
     for g in range(2):
         own = field.isel(point=np.flatnonzero(field.guy.values == g + 1))
@@ -260,9 +274,14 @@ def test_guys_of_a_rigid_mast_in_gusts_are_chains(things: dict[str, Any]) -> Non
         )
         tension, on_mast = chain.tension.isel(link=-1).values, run.guy_tension.isel(guy=g).values
         difference = (on_mast - on_mast.mean()) - (tension - tension.mean())
-        # half a link carries wind and weight at the mast; uniform guys differ by 0.34 %, those with things from them by 60 %
-        assert difference.std() < 0.005 * tension.std()
+        # half a link carries wind and weight at the mast: 0.2 to 0.6 %, half of that with 48 links; and the viscosity of the links
+        # acts on axial vibrations of the insulator, 0.8 %, of which 0.3 % are left with a tenth of it; things change std by 50 %
+        assert difference.std() < 0.01 * tension.std()
         assert abs(on_mast.mean() - tension.mean()) < 5e-4 * tension.mean()
+        # forces on anchors follow from those on the mast as if the guy moved symmetrically: 10 % with things, 1 % without
+        at_anchor, found = chain.tension.isel(link=0).values, np.linalg.norm(run.anchor_force.isel(guy=g), axis=-1)
+        assert (found - at_anchor).std() < (0.12 if things else 0.02) * at_anchor.std()
+        assert abs(found.max() / at_anchor.max() - 1.0) < 2e-3
 
 
 def test_members_vary_mass_and_place() -> None:
@@ -286,21 +305,19 @@ def test_a_range_beyond_the_cable_is_refused() -> None:
         cp.make_scene(tables({"attachment": [INSULATOR]}, ensemble=ensemble))
 
 
-@slow
-def test_a_guy_that_breaks_leaves_the_mast_without_it() -> None:
-    levels = [{**SMALL["guy"][0], "level": 14.0}, SMALL["guy"][0]]
-    base = tables(THINGS, guy=levels, time={"duration": 0.6, "interval": 0.02})
-    broken = copy.deepcopy(base)
-    broken["guy"][0] |= {"breaks": 0.3, "breaks_number": 2}
-    runs = [cp.mast.simulate(cp.make_scene(given), guys="chain") for given in (base, broken)]
-    first = runs[0].time.values < 0.3
-    # modes differ, which also have the static displacements of the broken level
-    np.testing.assert_allclose(runs[1].guy_tension[first], runs[0].guy_tension[first], rtol=2e-3)
-    assert (runs[1].guy_tension.isel(guy=1)[~first][1:] == 0.0).all()
-    assert (runs[1].guy_tension.isel(guy=0)[~first] > 0.0).all()
+def test_a_mass_without_effect_changes_no_motion_with_a_rupture() -> None:
+    levels = [{**SMALL["guy"][0], "level": 14.0, "breaks": 0.30005, "breaks_number": 2}, SMALL["guy"][0]]
+    runs = []
+    for things in ({}, {"attachment": [{"arc_length": 0.5, "mass": 1e-9, "drag_area": 1e-12}]}):
+        # a tenth of a second later the loose guys go slack, where rounding grows
+        scene = cp.make_scene(tables(things, guy=levels, time={"duration": 0.4, "interval": 0.02}))
+        runs.append(cp.mast.simulate(scene, guys="chain").guy_tension)
+    assert (runs[1].isel(guy=1)[runs[1].time > 0.31] == 0.0).all()
+    # N: rounding of the rest, 1e-11 of the stiffness of a link
+    np.testing.assert_allclose(runs[1], runs[0], rtol=0.0, atol=1e-5)
 
 
-@slow
+@pytest.mark.slow
 def test_run_and_design_take_them(tmp_path: Any) -> None:
     scene = cp.make_scene(tables({"attachment": [INSULATOR]}, wind=WIND, time={"duration": 2.0, "interval": 0.1}))
     study = cp.study.run(scene, tmp_path / "run")
