@@ -257,6 +257,15 @@ def test_a_straight_guy_brings_its_mass_to_the_mast() -> None:
     assert "cables.guy.segment.1: guys move as chains of 20 links" in str(summary.note.values)
 
 
+def test_given_tensions_hold_at_the_reference_temperature_of_guys_and_mast() -> None:
+    mast = {**SMALL["mast"], "thermal_expansion": 1.2e-5}
+    of_mast = tables({**THINGS, "thermal_expansion": 2.3e-5}, mast=mast, temperature=-40.0)
+    rest = cp.mast.rest(cp.make_scene(of_mast))
+    cable = cp.catenary.rest(single(of_mast, rest.anchor[0]))
+    np.testing.assert_allclose(rest.guy_length[0], cable.unstretched_length, rtol=1e-13)
+    assert float(np.abs(rest.guy_tension[0] / cable.tension_upper - 1.0)) > 0.01  # the mast is shorter and leans
+
+
 # --- storms -------------------------------------------------------------------------------------------------------------
 
 
@@ -274,8 +283,8 @@ def test_guys_of_a_rigid_mast_in_gusts_are_chains(things: dict[str, Any]) -> Non
         )
         tension, on_mast = chain.tension.isel(link=-1).values, run.guy_tension.isel(guy=g).values
         difference = (on_mast - on_mast.mean()) - (tension - tension.mean())
-        # half a link carries wind and weight at the mast: 0.2 to 0.6 %, half of that with 48 links; and the viscosity of the links
-        # acts on axial vibrations of the insulator, 0.8 %, of which 0.3 % are left with a tenth of it; things change std by 50 %
+        # half a link carries wind and weight at the mast: 0.2 to 0.6 %, half of that with 48 links; the viscosity of the links
+        # damps axial vibrations of the insulator, 0.8 %, of which 0.3 % are left with a tenth of it; things change std by 50 %
         assert difference.std() < 0.01 * tension.std()
         assert abs(on_mast.mean() - tension.mean()) < 5e-4 * tension.mean()
         # forces on anchors follow from those on the mast as if the guy moved symmetrically: 10 % with things, 1 % without
@@ -315,6 +324,25 @@ def test_a_mass_without_effect_changes_no_motion_with_a_rupture() -> None:
     assert (runs[1].isel(guy=1)[runs[1].time > 0.31] == 0.0).all()
     # N: rounding of the rest, 1e-11 of the stiffness of a link
     np.testing.assert_allclose(runs[1], runs[0], rtol=0.0, atol=1e-5)
+
+
+def steady(mapping: dict[str, Any], speed: float) -> Any:
+    """A scene in steady wind, without loads of the mast."""
+    mapping["mast"] = {name: value for name, value in mapping["mast"].items() if name != "load"}
+    wind = {"speed": speed, "direction": WIND["direction"]}
+    return cp.make_scene(mapping | {"wind": wind, "time": {"duration": 0.6, "interval": 0.02}})
+
+
+def test_nothing_moves_in_steady_wind() -> None:
+    run = cp.mast.simulate(steady(tables(THINGS, mast={**SMALL["mast"], "drag_area": 0.3}), 25.0))
+    assert float(np.ptp(run.displacement.values, axis=0).max()) < 1e-9
+    np.testing.assert_allclose(run.guy_tension, run.guy_tension[[0] * run.sizes["time"]], rtol=1e-7)
+
+
+def test_steps_follow_the_drag_on_light_particles() -> None:
+    light = {"density": 800.0, "youngs_modulus": 1e10, "attachment": [{"arc_length": 0.5, "drag_area": 8.0}]}
+    run = cp.mast.simulate(steady(tables(light), 15.0))
+    np.testing.assert_allclose(run.guy_tension, run.guy_tension[[0] * run.sizes["time"]], rtol=1e-6)
 
 
 @pytest.mark.slow
