@@ -10,6 +10,7 @@ from cablepod.catenary._piecewise import Pieces, pieces_of, size_of
 from cablepod.catenary._piecewise_solve import between_ends
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
+from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
 
 #: Least number of pieces with a drag of their own, relative last change of the drag, maximum number of iterations.
@@ -48,8 +49,17 @@ def refuse_things(p: MastParameters, guys: str) -> None:
 
 
 def still_pieces(p: Parameters, length: float) -> Pieces | None:
-    """Return the pieces of a guy of an unstretched length [m] in still air; None for a uniform guy that carries nothing."""
-    return pieces_of(p, length) if p.segments or p.attachments else None
+    """Return the pieces of a guy of an unstretched length [m] in still air; None for a uniform guy that carries nothing.
+
+    Raises
+    ------
+    SceneError
+        For an attachment outside of the guy, at its ends or at the place of another one.
+    """
+    if not (p.segments or p.attachments):
+        return None
+    attachment_fractions(p, length)
+    return pieces_of(p, length)
 
 
 def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float, name: str) -> Pieces:

@@ -82,7 +82,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """
     for name in mapping:
         if name not in ALLOWED:
-            remedy = did_you_mean(name, ALLOWED)
+            remedy = f"; try: cables.NAME.{name}" if name in GUY_LISTED else did_you_mean(name, ALLOWED)
             raise SceneError(f"{named(name)}: unknown key or table of a mast; allowed: {', '.join(ALLOWED)}{remedy}")
     if "mast" not in mapping:
         raise SceneError("mast: missing; allowed: a table with the keys " + ", ".join(MAST))

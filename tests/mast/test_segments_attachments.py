@@ -115,6 +115,31 @@ def test_they_are_refused_by_key(things: dict[str, Any], message: str) -> None:
     assert str(error.value).startswith(message)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("attachment_1_mass", -1.0, r"attachment\.1\.mass: given -1\.0"),
+        ("attachment_1_distance_from_lower", 50.0, r"attachment\.1\.distance_from_lower: given 50\.0"),
+        ("attachment_2_distance_from_upper", 50.0, r"attachment\.2\.distance_from_upper: given 50\.0"),
+        ("attachment_2_distance_from_upper", np.nan, r"attachment\.2: given none"),
+        ("segment_1_to", 1.2, r"segment\.1\.to: given 1\.2"),
+        ("segment_2_to", 0.9, r"segment\.2\.to: given 0\.9"),
+    ],
+)
+def test_scenes_that_were_changed_by_hand_are_checked(name: str, value: float, message: str) -> None:
+    scene = cp.make_scene(tables(THINGS))
+    changed = scene.assign({f"cables_guy_{name}": scene[f"cables_guy_{name}"].copy(data=value)})
+    for call in (cp.mast.rest, cp.mast.simulate):
+        with pytest.raises(SceneError, match=rf"^cables\.guy\.{message}"):
+            call(changed)
+
+
+def test_lists_of_a_single_cable_are_those_of_a_cable_here() -> None:
+    for name in ("segment", "attachment"):
+        with pytest.raises(SceneError, match=rf"^{name}: unknown key .* try: cables\.NAME\.{name}$"):
+            cp.make_scene(tables({}) | {name: THINGS[name]})
+
+
 def test_a_cable_without_guys_has_none() -> None:
     spare = {**SMALL["cables"]["guy"], "attachment": [INSULATOR]}
     with pytest.raises(SceneError, match=r"^cables\.spare\.attachment\.1: given for a cable that no guy has"):
