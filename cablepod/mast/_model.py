@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -201,3 +201,9 @@ def sinc_squared(phase: Any) -> Any:
     """
     half = np.minimum(0.5 * np.asarray(phase, dtype=float), 0.45 * np.pi)
     return np.sinc(half / np.pi) ** 2
+
+
+@lru_cache(16)
+def modal_mast(rest: MastRest) -> ModalMast:
+    """Return the modal model of a mast at rest, the same for all storms of a mean wind."""
+    return ModalMast(rest)

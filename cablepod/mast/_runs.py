@@ -21,13 +21,13 @@ from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys
 from cablepod.mast._envelopes import NEED_FORCES
-from cablepod.mast._model import ModalMast
+from cablepod.mast._model import ModalMast, modal_mast
 from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_things
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
-from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
 from cablepod.wind._mast_air import mast_air
 
 #: Kinds of guys.
@@ -63,7 +63,7 @@ class MastCase:
         self.wind, self.links, self.step, self.count = wind, links, step, RANK if rank is None else int(rank)
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
-        self.mast = ModalMast(rest_in(p, air))
+        self.mast = modal_mast(rest_in(calm_parameters(scene), air))
         self.model = _model_of(self.mast, guys, modes, self.count, links, air)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,

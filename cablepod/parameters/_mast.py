@@ -123,12 +123,35 @@ def mast_parameters(scene: xr.Dataset) -> MastParameters:
     return _kept(SceneContent.of(scene))
 
 
+def calm_parameters(scene: xr.Dataset) -> MastParameters:
+    """Return the parameters of a mast without its turbulence: the same object for all storms of a mean wind."""
+    return mast_parameters(_without_turbulence(scene))
+
+
+def _without_turbulence(scene: xr.Dataset) -> xr.Dataset:
+    return scene.drop_vars([name for name in scene.variables if str(name).startswith("wind_turbulence_")])
+
+
 @lru_cache(16)
 def _kept(content: SceneContent) -> MastParameters:
-    variables = content.scene.variables.items()
+    scene, calm = content.scene, _without_turbulence(content.scene)
+    if len(calm.variables) == len(scene.variables):
+        return mast_from_values(_checked(scene))
+    gusts = scene.drop_vars(list(calm.variables))
+    return replace(_kept(SceneContent.of(calm)), turbulence=_turbulence(_checked(gusts)))
+
+
+def _checked(scene: xr.Dataset) -> dict[str, Any]:
+    """Return the values of scene variables by name, checked."""
+    variables = scene.variables.items()
     values = {str(name): variable.values[()] for name, variable in variables if not _is_gap(variable.values)}
     check_values(values, {})
-    return mast_from_values(values)
+    return values
+
+
+def _turbulence(values: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the table [wind.turbulence]."""
+    return whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None
 
 
 def mast_from_values(values: Mapping[str, Any]) -> MastParameters:
@@ -179,7 +202,7 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         mass_damping=float(damping.get("mass_proportional", 0.0)),
         guy_damping_ratios=_damping_ratios(damping),
         wind=whole_table_at(values, "wind", WIND) or None,
-        turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
+        turbulence=_turbulence(values),
         expansion=expansion,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,9 @@ from cablepod.study._design_tables import write_tables
 STORMS, RESULT = "storms", "design.nc"
 #: Maximum number of storms in a file of the folder: what a run that is killed loses on each core.
 MAX_BATCH = 20
+#: Maximum number of storms that follow one another in a mean wind: they share mast and guys at rest and the coherence of the wind,
+#: and the next mean wind has their random phases still (:func:`cablepod.wind._turbulence._phases`).
+STORMS_TOGETHER = 10
 #: Digits to which components of directions are rounded, so that those along an axis have no component across it.
 DIGITS = 15
 
@@ -132,11 +136,10 @@ def design(
     parts = _parts(scenes, kind.model, kind.modes(scene), options, folder, overwrite=overwrite, progress=progress)
     numbers = [kind.numbers(part, scene, curve, window) for part in parts]
     of_storms = joined(numbers, kind)
-    sizes = {name: values.size for name, values in axes.items()}
     result = _unstacked(of_storms, axes)
     result = with_peaks(result, kind, level)
     result = with_rest(
-        result, kind, lambda: mast.rest(scenes.isel(member=slice(0, sizes["direction"] * sizes["speed"])))
+        result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel()))
     )
     if curve is not None:
         result = with_damage(result, kind, shares, _duration(scene, window))
@@ -145,7 +148,7 @@ def design(
         **({} if curve is None else {"slope": curve[0], "reference_range": curve[1]}),
     }  # fmt: skip
     options = {
-        "directions": axes["direction"], "speeds": axes["speed"], "storms": int(sizes["storm"]), "shares": shares,
+        "directions": axes["direction"], "speeds": axes["speed"], "storms": axes["storm"].size, "shares": shares,
         "slope": slope, "reference_range": reference_range, "level": level,
         "window": None if window is None else list(window),
     }  # fmt: skip
@@ -245,12 +248,24 @@ def _checked_window(window: Any, duration: float) -> tuple[float, float] | None:
     return start, end
 
 
+def _members_of(axes: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the numbers of the members (direction, speed, storm): some storms in each mean wind, then the next storms."""
+    count, storms = axes["direction"].size * axes["speed"].size, axes["storm"].size
+    edges = np.linspace(0, storms, -(-storms // STORMS_TOGETHER) + 1).round().astype(int)
+    blocks = [
+        count * first + np.arange(count * (last - first)).reshape(count, last - first)
+        for first, last in pairwise(edges.tolist())
+    ]
+    return np.concatenate(blocks, axis=1).reshape(axes["direction"].size, axes["speed"].size, storms)
+
+
 def _scenes(scene: xr.Dataset, axes: dict[str, np.ndarray]) -> xr.Dataset:
-    """Return a scene for each storm, direction and speed, in this order: storms of one seed share their random phases."""
+    """Return a scene for each direction, speed and storm, in the order of :func:`_members_of`."""
     from cablepod import ensemble  # its imports take a second
 
-    seeds, angles, speeds = (
-        part.ravel() for part in np.meshgrid(axes["storm"], axes["direction"], axes["speed"], indexing="ij")
+    order = np.argsort(_members_of(axes), axis=None)
+    angles, speeds, seeds = (
+        part.ravel()[order] for part in np.meshgrid(axes["direction"], axes["speed"], axes["storm"], indexing="ij")
     )
     vectors = np.round(np.stack([np.cos(angles), 0.0 * angles, np.sin(angles)], axis=1), DIGITS) + 0.0
     dims = scene["wind_direction"].sizes["coordinate"]
@@ -279,15 +294,14 @@ def _parts(
 
 def _unstacked(of_storms: xr.Dataset, axes: dict[str, np.ndarray]) -> xr.Dataset:
     """Return numbers over ``member`` over direction, speed and storm."""
-    sizes = [axes[name].size for name in ("storm", "direction", "speed")]
+    members = _members_of(axes)
     variables: dict[str, Any] = {}
     for name, variable in of_storms.variables.items():
         if "member" not in variable.dims:
             variables[str(name)] = variable
             continue
         own = variable.transpose("member", ...)
-        values = np.moveaxis(own.values.reshape(*sizes, *own.shape[1:]), 0, 2)
-        variables[str(name)] = xr.Variable(("direction", "speed", "storm", *own.dims[1:]), values, own.attrs)
+        variables[str(name)] = xr.Variable(("direction", "speed", "storm", *own.dims[1:]), own.values[members], own.attrs)
     labels = {
         "direction": ("rad", "direction into which the wind blows, from +x towards +z"),
         "speed": ("m s-1", "mean wind speed at the reference height"),

@@ -64,9 +64,12 @@ def gusts(
     return irfft(amplitude, count, axis=1)
 
 
-@lru_cache(4)
+@lru_cache(20)
 def _phases(seed: int, across: bool, points: int, harmonics: int) -> np.ndarray:
-    """Return random phases exp(2 pi i u) (points, harmonics); kept, as members of an ensemble share them."""
+    """Return random phases exp(2 pi i u) (points, harmonics); kept, as members of an ensemble share them.
+
+    Twenty are two components of ten storms, which a design runs together.
+    """
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(across)])))
     return _turns(generator.random((points, harmonics)))
 
