@@ -10,7 +10,7 @@ import numpy as np
 from cablepod.mast._drag import MastDrag
 from cablepod.mast._kernels_layout import NODES_TOGETHER
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS
-from cablepod.wind._air import MIN_REFINED, REFINEMENT, refined
+from cablepod.wind._air import MIN_REFINED, REFINEMENT, SAMPLES_TOGETHER, refined
 from cablepod.wind._mast_air import KEPT_FIELDS, MastAir
 
 _LOCK = threading.RLock()
@@ -52,10 +52,13 @@ def at_nodes(air: MastAir, drag: MastDrag) -> np.ndarray:
 
 def _of_places(air: MastAir, velocity: np.ndarray, count: int, lanes: int) -> np.ndarray:
     """Return velocities (samples, points, 3) at Gauss points of the guys (samples, count, 3, lanes)."""
-    matrix, own = to_gauss(count)[2], air.of_guys(velocity)
-    result = np.zeros((len(own), count, 3, lanes))
-    for g in range(air.guys):
-        result[..., g] = matrix @ own[:, g]
+    matrix, result = to_gauss(count)[2], np.zeros((len(velocity), count, 3, lanes))
+    for first in range(0, len(velocity), SAMPLES_TOGETHER):
+        own = air.of_guys(velocity[first : first + SAMPLES_TOGETHER])
+        placed = matrix @ own.transpose(2, 0, 3, 1).reshape(GUY_POINTS, -1)
+        result[first : first + SAMPLES_TOGETHER, ..., : air.guys] = np.swapaxes(
+            placed.reshape(count, len(own), 3, air.guys), 0, 1
+        )
     return result
 
 

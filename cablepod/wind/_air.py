@@ -21,6 +21,8 @@ from cablepod.wind._turbulence import across_of, direction_of, gusts
 
 #: Interval of the turbulence [s], and number of equidistant points along the cable: those of a scene do not depend on the model.
 INTERVAL, POINTS = 0.1, 41
+#: Number of samples that are rearranged together, which the caches of a processor hold.
+SAMPLES_TOGETHER = 128
 #: Where the profile of the mean wind bends, further points halve an interval until straight lines miss this part of the speed at
 #: the reference height, averaged over the first interval (0.002: 3e-5 of the deflection of a guy from the ground up; without them
 #: 4e-4), at most as many times as this.
@@ -268,17 +270,16 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
     total, seed = np.zeros((count, *position.shape)), int(p.turbulence["seed"])
     if not float(p.wind["speed"]):
         return total
-    back = None if order is None else np.argsort(order)
-    parts = []
+    vectors, parts = [], []
+    order = np.arange(len(position)) if order is None else order
     for vector, is_across in ((direction_of(p.wind), False), (across_of(p.wind), True)):
         if vector is not None:
-            placed = position if order is None else position[order]
-            part = gusts(p.wind, p.turbulence, placed, count, INTERVAL, seed, across=is_across)
-            parts.append((vector, part if back is None else part[back]))
-    for c in range(position.shape[1]):
-        sums = [vector[c] * part for vector, part in parts if vector[c]]
-        if sums:
-            total[:, :, c] = sum(sums[1:], sums[0]).T
+            vectors.append(vector)
+            parts.append(gusts(p.wind, p.turbulence, position[order], count, INTERVAL, seed, across=is_across))
+    axes, back = np.array(vectors), np.argsort(order)
+    for first in range(0, count, SAMPLES_TOGETHER):
+        block = slice(first, first + SAMPLES_TOGETHER)
+        total[block] = np.stack([part[:, block][back].T for part in parts], axis=-1) @ axes
     if p.turbulence.get("exact_mean", False):
         total -= total[: instants_until(end_time)].mean(axis=0)
     return total

@@ -131,14 +131,23 @@ def _coupled(phase: np.ndarray, frequency: np.ndarray, decay: np.ndarray) -> np.
     for k in range(knots.size - 1):
         first, last = knots[k], knots[k + 1]
         share = (np.arange(first + 1, last + 1) - first) / (last - first)
-        lower, upper = factors[k], factors[k + 1]
-        own = np.ascontiguousarray(phase[:, first:last]).view(float)
-        part = (lower @ own).view(complex) * (1.0 - share) + (upper @ own).view(complex) * share
         # rows of the interpolated factors have the norm of one again
-        product = (lower * upper).sum(axis=1)[:, None]
+        product = (factors[k] * factors[k + 1]).sum(axis=1)[:, None]
         square = (1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * product
-        result[:, first:last] = part / np.sqrt(square)
+        own = np.ascontiguousarray(phase[:, first:last]).view(float)
+        lower, upper = (_triangular(factor, own) for factor in factors[k : k + 2])
+        lower *= np.repeat((1.0 - share) / np.sqrt(square), 2, axis=1)  # real and imaginary parts
+        upper *= np.repeat(share / np.sqrt(square), 2, axis=1)
+        lower += upper
+        result[:, first:last] = lower.view(complex)
     return result
+
+
+def _triangular(factor: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the product of a lower triangular matrix and values, at half the work of a full matrix."""
+    from scipy.linalg.blas import dtrmm
+
+    return dtrmm(1.0, factor.T, values.T, side=1, lower=0).T  # BLAS takes columns: the product is that of the transposes
 
 
 @lru_cache(4)
