@@ -16,10 +16,10 @@ from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
 from cablepod.wind._air import drag_of
 
 if TYPE_CHECKING:
-    from cablepod.mast._condensed_run import CondensedGuys
+    from cablepod.mast._condensed_run import CondensedGuys, CondensedRun
 
 
-def run_alone(model: CondensedGuys, request: MastRequest) -> MastTrajectory:
+def run_alone(run: CondensedRun, request: MastRequest) -> MastTrajectory:
     """Run a mast from rest.
 
     Raises
@@ -30,9 +30,10 @@ def run_alone(model: CondensedGuys, request: MastRequest) -> MastTrajectory:
     from cablepod.mast import _kernels_condensed as kernel  # numba is imported only to compute
     from cablepod.mast._kernels_guys import LARGEST_KAPPA
 
+    model, air = run.model, run.air
     mast, step, lanes, count = model.mast, request.step, model.lanes, model.guys.count
-    matrices, fitted = model.checked_scheme(step)
-    drive = drive_of(mast, model.air, request)
+    matrices, fitted = run.checked_scheme(step)
+    drive = drive_of(mast, air, request)
     constant = balance(model, drive)
     numbers = lanes.numbers.copy()
     numbers[LARGEST_KAPPA, :count] = (model.guys.kappa * fitted).max(axis=1, initial=0.0)
@@ -47,14 +48,14 @@ def run_alone(model: CondensedGuys, request: MastRequest) -> MastTrajectory:
     breaks = np.array([np.inf if guy.breaks is None else guy.breaks / step for guy in mast.rest.p.guys])
     p = lanes.coordinates(model.rest[0])  # momentum coordinates are the deflections at the displacement of rest
     status, at, guy = kernel.condensed_run(
-        step, request.every, request.steps, model.steps_of_drag(step), np.array(request.window_steps), np.zeros(modes),
+        step, request.every, request.steps, run.steps_of_drag(step), np.array(request.window_steps), np.zeros(modes),
         np.zeros(modes), p, np.zeros_like(p), constant, mast.stiffness, mast.pulls(), matrices.keep, matrices.gain,
         mast.level_rows, mast.level_rest, lanes.heights, mast.level_of_guy, breaks, lanes.lower, lanes.axes, numbers, lanes.terms,
         lanes.kappa, lanes.moments, lanes.loads, lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
         lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), lanes.damping(step, fitted), lanes.end_mass,
          drive.load_vectors, drive.factors,
         drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
-        None if model.air is None else along_guys(model.air, model.drag_points, lanes.size), *lanes.drag, result.modal,
+        None if air is None else along_guys(air, model.drag_points, lanes.size), *lanes.drag, result.modal,
         result.rates, coordinates, result.force, result.tension, result.drag, level_extremes, level_sums, tension_extremes,
         tension_sums, monitor,
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,13 @@ import numpy as np
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
 from cablepod.mast._air import steady_along_guys
-from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
+from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
 from cablepod.mast._condensed_lanes import Lanes, run_alone
 from cablepod.mast._drive import Drive
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared, with_guys
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT, drag_step_limit
-from cablepod.wind._mast_air import MastAir
+from cablepod.wind._mast_air import MastAir, mean_mast_air
 
 #: Gauss points of the drag beyond the number of modes.
 EXTRA_POINTS = 2
@@ -36,7 +36,7 @@ class CondensedGuys:
 
     mast: ModalMast
     shapes: tuple[Shapes, Shapes]
-    air: MastAir | None
+    air: MastAir | None  #: in whose mean they are at rest
 
     @cached_property
     def guys(self) -> GuySet:
@@ -193,52 +193,6 @@ class CondensedGuys:
         of_mast = self.mast.omega[-1] ** 2 if not len(tangents) else 0.0
         return float(np.sqrt(np.linalg.eigvalsh(tangents).max(initial=of_mast)))
 
-    @cached_property
-    def default_step(self) -> float:
-        """Step by the shortest period of the guys' modes [s], stable with a margin."""
-        step = min(2.0 * np.pi / (STEPS_PER_PERIOD * self.highest_frequency), STEP_OVER_DRAG_LIMIT * self.drag_limit)
-        while not self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2):
-            step *= 0.8
-        return step
-
-    def steps_of_drag(self, step: float) -> int:
-        """Return the number of steps over which the drag is held: two, but one where they are long beside a period."""
-        resolved = self.highest_frequency * step * STEPS_OF_DRAG <= 2.0 * np.pi / EVALUATIONS_PER_PERIOD
-        resolved = resolved and not self.damping.size  # which takes the rates of the ends at each step
-        resolved = resolved and STEPS_OF_DRAG * step <= self.drag_limit
-        return STEPS_OF_DRAG if resolved and self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2) else 1
-
-    @cached_property
-    def drag_limit(self) -> float:
-        """Longest stable time from one evaluation of the drag on the guys to the next [s]."""
-        return drag_step_limit(0.0 if self.air is None else self.air.drag_rate(self.mast.rest.p))
-
-    def run(self, request: MastRequest) -> MastTrajectory:
-        """Run from rest.
-
-        Raises
-        ------
-        SceneError
-            For a step above the stability limit.
-        """
-        return run_alone(self, request)
-
-    def checked_scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
-        """Return the matrices of the mast and the fitted factors of the guys.
-
-        Raises
-        ------
-        SceneError
-            For a step above the stability limit.
-        """
-        if not (self.has_phases_below(step, 4.0) and step < self.drag_limit):
-            raise scene_error(
-                "step",
-                step,
-                f"below the stability limit of mast, guys and drag on them; try: {self.default_step:.4g} s",
-            )
-        return self.scheme(step)
-
     def finished(
         self,
         result: MastTrajectory,
@@ -304,3 +258,65 @@ class CondensedGuys:
             upper[:, 1] += (geometric_rest @ a + 0.5 * (geometric @ a) @ a)[mast.level_of_guy]
             potential[t] += self.guys.energy(saved[t, 0], upper)[holds[t]].sum() - at_rest
         return kinetic + potential
+
+
+@lru_cache(16)
+def guys_in_mean_wind(mast: ModalMast, rank: int) -> CondensedGuys:
+    """Return condensed guys on sines about rest in the mean wind of their scene, the same for all its storms."""
+    return CondensedGuys(mast, (sines(rank),) * 2, mean_mast_air(mast.rest.p))
+
+
+@dataclass(frozen=True, eq=False)
+class CondensedRun:
+    """Condensed guys in the air of one run."""
+
+    model: CondensedGuys
+    air: MastAir | None
+
+    @cached_property
+    def default_step(self) -> float:
+        """Step by the shortest period of the guys' modes [s], stable with a margin."""
+        step = min(
+            2.0 * np.pi / (STEPS_PER_PERIOD * self.model.highest_frequency), STEP_OVER_DRAG_LIMIT * self.drag_limit
+        )
+        while not self.model.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2):
+            step *= 0.8
+        return step
+
+    def steps_of_drag(self, step: float) -> int:
+        """Return the number of steps over which the drag is held: two, but one where they are long beside a period."""
+        resolved = self.model.highest_frequency * step * STEPS_OF_DRAG <= 2.0 * np.pi / EVALUATIONS_PER_PERIOD
+        resolved = resolved and not self.model.damping.size  # which takes the rates of the ends at each step
+        resolved = resolved and STEPS_OF_DRAG * step <= self.drag_limit
+        return STEPS_OF_DRAG if resolved and self.model.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2) else 1
+
+    @cached_property
+    def drag_limit(self) -> float:
+        """Longest stable time from one evaluation of the drag on the guys to the next [s]."""
+        return drag_step_limit(0.0 if self.air is None else self.air.drag_rate(self.model.mast.rest.p))
+
+    def run(self, request: MastRequest) -> MastTrajectory:
+        """Run from rest.
+
+        Raises
+        ------
+        SceneError
+            For a step above the stability limit.
+        """
+        return run_alone(self, request)
+
+    def checked_scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
+        """Return the matrices of the mast and the fitted factors of the guys.
+
+        Raises
+        ------
+        SceneError
+            For a step above the stability limit.
+        """
+        if not (self.model.has_phases_below(step, 4.0) and step < self.drag_limit):
+            raise scene_error(
+                "step",
+                step,
+                f"below the stability limit of mast, guys and drag on them; try: {self.default_step:.4g} s",
+            )
+        return self.model.scheme(step)

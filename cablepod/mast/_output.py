@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, ENDS, label
+from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
 from cablepod.mast._beam import Beam
 from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, forces_of, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
@@ -86,7 +86,7 @@ NAMES["guy_axial_force_minimum"] = (
 
 def dataset(p: MastParameters, variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
     """Return a labelled Dataset with the coordinates of the guys."""
-    result = xr.Dataset(dict(variables), coords=_with_guys(p, variables, coordinates))
+    result = xr.Dataset(dict(variables), coords=shared_coordinates(_with_guys(p, variables, coordinates)))
     return label(result, **{name: NAMES[name] for name in NAMES if name in result.variables})
 
 

@@ -19,7 +19,7 @@ from cablepod.mast import _output as output
 from cablepod.mast._catenary_run import CatenaryGuys
 from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import shapes_of
-from cablepod.mast._condensed_run import CondensedGuys
+from cablepod.mast._condensed_run import CondensedGuys, CondensedRun, guys_in_mean_wind
 from cablepod.mast._envelopes import NEED_FORCES
 from cablepod.mast._model import ModalMast, modal_mast
 from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_things
@@ -28,6 +28,7 @@ from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
+from cablepod.wind._air import has_record
 from cablepod.wind._mast_air import mast_air
 
 #: Kinds of guys.
@@ -64,17 +65,22 @@ class MastCase:
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
         self.mast = modal_mast(rest_in(calm_parameters(scene), air))
-        self.model = _model_of(self.mast, guys, modes, self.count, links, air)
+        self.model = self._model(self.count)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,
             keeps_guys="guy_position" in self.wanted, keeps_drag=bool(NEED_FORCES & set(self.wanted)),
         )  # fmt: skip
 
+    def _model(self, rank: int) -> Any:
+        """Return the model of the guys, condensed ones with a number of modes."""
+        of_scene = self.wind is None and not has_record(self.p)
+        return _model_of(self.mast, self.guys, self.modes, rank, self.links, self.air, of_scene=of_scene)
+
     def run(self) -> tuple[MastTrajectory, dict[str, Any]]:
         """Run, with an estimate of the error where it is asked; return the trajectory and what is known of its errors."""
         run, notes = _converged(self.model, self.request, self.tolerance)
         if "error_estimate" in self.wanted and not run.status:
-            richer = _model_of(self.mast, self.guys, self.modes, self.count + RICHER, self.links, self.air)
+            richer = self._model(self.count + RICHER)
             request = run.request
             every = max(request.every, int(np.ceil(request.interval / richer.default_step * (1.0 - 1e-9))))
             finer = richer.run(MastRequest(request.times, every, self.window))
@@ -179,12 +185,13 @@ def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any
             raise scene_error("window", window, "start and end [s], rising")
 
 
-def _model_of(mast: ModalMast, guys: str, modes: Any, rank: int, links: int | None, air: Any) -> Any:
-    """Return the model of the guys."""
+def _model_of(mast: ModalMast, guys: str, modes: Any, rank: int, links: int | None, air: Any, *, of_scene: bool) -> Any:
+    """Return the model of the guys; `of_scene` tells whether the air has the mean wind of the scene."""
+    if guys == "condensed" and modes is None and of_scene:
+        return CondensedRun(guys_in_mean_wind(mast, rank), air)
     if guys == "condensed":
-        if modes is not None:
-            rank = min(rank, modes.sizes["mode"])
-        return CondensedGuys(mast, shapes_of(modes, rank), air)
+        rank = rank if modes is None else min(rank, modes.sizes["mode"])
+        return CondensedRun(CondensedGuys(mast, shapes_of(modes, rank), air), air)
     if guys == "chain":
         return ChainGuys(mast, links or links_of(mast.rest.p), air)
     return CatenaryGuys(mast, air)

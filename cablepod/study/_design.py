@@ -26,8 +26,8 @@ from cablepod.study._design_tables import write_tables
 STORMS, RESULT = "storms", "design.nc"
 #: Maximum number of storms in a file of the folder: what a run that is killed loses on each core.
 MAX_BATCH = 20
-#: Maximum number of storms that follow one another in a mean wind: they share mast and guys at rest and the coherence of the wind,
-#: and the next mean wind has their random phases still (:func:`cablepod.wind._turbulence._phases`).
+#: Maximum number of storms that follow one another in a mean wind: they share the rest of mast and guys and the coherence of the
+#: wind, and the next mean wind shares their random phases (:func:`cablepod.wind._turbulence._phases`).
 STORMS_TOGETHER = 10
 #: Digits to which components of directions are rounded, so that those along an axis have no component across it.
 DIGITS = 15
@@ -138,9 +138,7 @@ def design(
     of_storms = joined(numbers, kind)
     result = _unstacked(of_storms, axes)
     result = with_peaks(result, kind, level)
-    result = with_rest(
-        result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel()))
-    )
+    result = with_rest(result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
     if curve is not None:
         result = with_damage(result, kind, shares, _duration(scene, window))
     result.attrs = {
@@ -301,7 +299,9 @@ def _unstacked(of_storms: xr.Dataset, axes: dict[str, np.ndarray]) -> xr.Dataset
             variables[str(name)] = variable
             continue
         own = variable.transpose("member", ...)
-        variables[str(name)] = xr.Variable(("direction", "speed", "storm", *own.dims[1:]), own.values[members], own.attrs)
+        variables[str(name)] = xr.Variable(
+            ("direction", "speed", "storm", *own.dims[1:]), own.values[members], own.attrs
+        )
     labels = {
         "direction": ("rad", "direction into which the wind blows, from +x towards +z"),
         "speed": ("m s-1", "mean wind speed at the reference height"),

@@ -270,16 +270,13 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
     total, seed = np.zeros((count, *position.shape)), int(p.turbulence["seed"])
     if not float(p.wind["speed"]):
         return total
-    vectors, parts = [], []
     order = np.arange(len(position)) if order is None else order
-    for vector, is_across in ((direction_of(p.wind), False), (across_of(p.wind), True)):
-        if vector is not None:
-            vectors.append(vector)
-            parts.append(gusts(p.wind, p.turbulence, position[order], count, INTERVAL, seed, across=is_across))
-    axes, back = np.array(vectors), np.argsort(order)
+    components = ((False, direction_of(p.wind)), (True, across_of(p.wind)))
+    across, axes = zip(*((is_across, axis) for is_across, axis in components if axis is not None), strict=True)
+    parts, back = gusts(p.wind, p.turbulence, position[order], count, INTERVAL, seed, across=across), np.argsort(order)
     for first in range(0, count, SAMPLES_TOGETHER):
-        block = slice(first, first + SAMPLES_TOGETHER)
-        total[block] = np.stack([part[:, block][back].T for part in parts], axis=-1) @ axes
+        own = [part[:, first : first + SAMPLES_TOGETHER][back].T for part in parts]
+        total[first : first + SAMPLES_TOGETHER] = np.stack(own, axis=-1) @ np.array(axes)
     if p.turbulence.get("exact_mean", False):
         total -= total[: instants_until(end_time)].mean(axis=0)
     return total

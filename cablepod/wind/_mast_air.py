@@ -21,6 +21,7 @@ from cablepod.wind._air import (
     INTERVAL,
     MAX_DIFFERENCE,
     MAX_RESAMPLING,
+    SAMPLES_TOGETHER,
     _interpolated,
     density_of,
     drag_of,
@@ -72,8 +73,11 @@ class MastAir:
 
     def drag_rate(self, p: MastParameters) -> float:
         """Return a bound of the rate at which drag takes away a motion of the guys along the wind [1/s]."""
-        own = self.of_guys(self.velocity)
-        speed = np.sqrt(np.einsum("sgpc,sgpc->sgp", own, own).max(axis=(0, -1)))
+        squared = np.zeros(len(self.positions))
+        for first in range(0, len(self.velocity), SAMPLES_TOGETHER):
+            own = self.velocity[first : first + SAMPLES_TOGETHER] ** 2
+            squared = np.maximum(squared, (own[..., 0] + own[..., 1] + own[..., 2]).max(axis=0))
+        speed = np.sqrt(squared[MAST_POINTS:].reshape(-1, GUY_POINTS).max(axis=1))
         rates = [2.0 * drag_of(guy.p, self.density) * u / guy.p.mass for guy, u in zip(p.guys, speed, strict=True)]
         return float(max(rates, default=0.0))
 

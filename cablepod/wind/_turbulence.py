@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -23,9 +23,9 @@ MAX_KEPT_PHASES = 500_000
 
 def gusts(
     wind: Mapping[str, Any], turbulence: Mapping[str, Any], position: np.ndarray, count: int, interval: float, seed: int,
-    *, across: bool,
+    *, across: Sequence[bool],
 ) -> np.ndarray:  # fmt: skip
-    """Return one component of the turbulence (points, count) [m/s].
+    """Return components of the turbulence (components, points, count) [m/s].
 
     The harmonics k / (count interval) of each point have the amplitude of the spectrum and phases that the coherence couples.
 
@@ -40,7 +40,7 @@ def gusts(
     seed
         Seed of the phases.
     across
-        Whether the component is that across the mean wind.
+        Of each component, whether it is that across the mean wind.
     """
     from scipy.fft import irfft
 
@@ -50,18 +50,19 @@ def gusts(
     direction = direction_of(wind)
     along = position @ direction
     kept = len(position) * harmonics <= MAX_KEPT_PHASES
-    phase = (_phases if kept else _phases.__wrapped__)(seed, across, len(position), harmonics)
+    phases_of = _phases if kept else _phases.__wrapped__
+    phases = [phases_of(seed, is_across, len(position), harmonics) for is_across in across]
     with one_blas_thread():  # the same order of sums on any number of threads, and faster for small matrices
-        coupled = _coupled(phase, frequency, *_separations(wind, turbulence, position, height, direction, along))
-    size = np.sqrt(2.0 * spectra(wind, turbulence, height, frequency, across=across) / (count * interval))
+        coupled = _coupled(phases, frequency, *_separations(wind, turbulence, position, height, direction, along))
     # Taylor's hypothesis: the turbulence is carried along by one speed
     speed = max(float(mean_speed(wind, np.array(float(wind["reference_height"])))), 1e-300)
     if np.ptp(along) > 0.0:
         coupled *= _harmonic_turns(along / (-speed * count * interval), harmonics)
-    size *= 0.5 * count
-    amplitude = np.zeros((len(position), count // 2 + 1), dtype=complex)
-    np.multiply(coupled, size, out=amplitude[:, 1 : harmonics + 1])
-    return irfft(amplitude, count, axis=1)
+    amplitude = np.zeros((len(across), len(position), count // 2 + 1), dtype=complex)
+    for own, part, is_across in zip(amplitude, coupled, across, strict=True):
+        size = np.sqrt(2.0 * spectra(wind, turbulence, height, frequency, across=is_across) / (count * interval))
+        np.multiply(part, 0.5 * count * size, out=own[:, 1 : harmonics + 1])
+    return irfft(amplitude, count, axis=-1)
 
 
 @lru_cache(20)
@@ -123,23 +124,27 @@ def _separations(
     return (np.sqrt((vertical * up) ** 2 + (horizontal * aside) ** 2) / (0.5 * (speed[:, None] + speed[None, :])),)
 
 
-def _coupled(phase: np.ndarray, frequency: np.ndarray, decay: np.ndarray) -> np.ndarray:
-    """Return phases (points, frequencies) whose coherence is exp(-frequency decay)."""
-    knots, factors = _factors_at_knots(frequency.tobytes(), np.ascontiguousarray(decay).tobytes(), len(phase))
-    result = np.empty_like(phase)
-    result[:, :1] = factors[0] @ phase[:, :1]
+def _coupled(phases: Sequence[np.ndarray], frequency: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """Return phases (components, points, frequencies) whose coherence is exp(-frequency decay), for independent ones."""
+    points, components = len(decay), len(phases)
+    knots, factors = _factors_at_knots(frequency.tobytes(), np.ascontiguousarray(decay).tobytes(), points)
+    result = np.empty((components, points, frequency.size), dtype=complex)
+    for own, phase in zip(result, phases, strict=True):
+        own[:, :1] = factors[0] @ phase[:, :1]
     for k in range(knots.size - 1):
         first, last = knots[k], knots[k + 1]
         share = (np.arange(first + 1, last + 1) - first) / (last - first)
         # rows of the interpolated factors have the norm of one again
         product = (factors[k] * factors[k + 1]).sum(axis=1)[:, None]
-        square = (1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * product
-        own = np.ascontiguousarray(phase[:, first:last]).view(float)
-        lower, upper = (_triangular(factor, own) for factor in factors[k : k + 2])
-        lower *= np.repeat((1.0 - share) / np.sqrt(square), 2, axis=1)  # real and imaginary parts
-        upper *= np.repeat(share / np.sqrt(square), 2, axis=1)
+        norm = np.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * product)
+        own = np.concatenate([phase[:, first:last] for phase in phases], axis=1).view(float)
+        lower, upper = (
+            _triangular(factor, own).reshape(points, components, -1) for factor in factors[k : k + 2]
+        )  # real and imaginary parts in turn
+        lower *= np.repeat((1.0 - share) / norm, 2, axis=1)[:, None]
+        upper *= np.repeat(share / norm, 2, axis=1)[:, None]
         lower += upper
-        result[:, first:last] = lower.view(complex)
+        result[:, :, first:last] = np.swapaxes(lower.view(complex), 0, 1)
     return result
 
 
@@ -147,7 +152,9 @@ def _triangular(factor: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the product of a lower triangular matrix and values, at half the work of a full matrix."""
     from scipy.linalg.blas import dtrmm
 
-    return dtrmm(1.0, factor.T, values.T, side=1, lower=0).T  # BLAS takes columns: the product is that of the transposes
+    return dtrmm(
+        1.0, factor.T, values.T, side=1, lower=0
+    ).T  # BLAS takes columns: the product is that of the transposes
 
 
 @lru_cache(4)

@@ -61,7 +61,7 @@ def plain(height: np.ndarray) -> np.ndarray:
 def ours(p: Parameters, place: np.ndarray) -> np.ndarray:
     """Return the speeds (point, time) of the package, with nothing kept of earlier fields."""
     _turbulence._phases.cache_clear()
-    return _turbulence.gusts(p.wind, p.turbulence, place, COUNT, INTERVAL, 1, across=False)
+    return _turbulence.gusts(p.wind, p.turbulence, place, COUNT, INTERVAL, 1, across=[False])[0]
 
 
 def seconds(job: Callable[[], object]) -> float:

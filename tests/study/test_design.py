@@ -17,6 +17,7 @@ import cablepod as cp
 from cablepod import cli
 from cablepod.archive import _lineage
 from cablepod.cli._design import text
+from cablepod.study import _design
 from cablepod.study._design_numbers import CABLE, joined
 from cablepod.study._design_tables import write_tables
 
@@ -226,6 +227,25 @@ def test_one_guy_has_its_ends(tmp_path):
     assert float(both.tension_peak[0].max()) != float(both.tension_peak[1].max())
     with pytest.raises(cp.SceneError, match=r"^directions: given 1\.57.*planar"):
         cp.study.design(cp.make_scene(planar), directions=[PI / 2], speeds=[20.0], storms=1)
+
+
+def test_each_storm_stands_at_its_direction_speed_and_seed(monkeypatch):
+    """Runs of single scenes, with nothing kept of other storms; storms of a mean wind come in two parts."""
+    monkeypatch.setattr(_design, "STORMS_TOGETHER", 2)
+    angles, speeds, scene = [0.0, 1.0], [10.0, 20.0], small(windy)
+    table = cp.study.design(scene, directions=angles, speeds=speeds, storms=3)
+    for d, s, k in ((0, 0, 0), (0, 1, 2), (1, 0, 1), (1, 1, 2)):
+        cp.clear_caches()
+
+        def one(mapping, d=d, s=s, k=k):
+            windy(mapping)
+            direction = [np.cos(angles[d]), 0.0, np.sin(angles[d])]
+            turbulence = {**WIND["turbulence"], "seed": int(table.storm[k])}
+            mapping["wind"] = {**WIND, "speed": speeds[s], "direction": direction, "turbulence": turbulence}
+
+        run = cp.mast.simulate(small(one), outputs=("guy_tension", "extremes", "envelopes"))
+        for name in ("guy_tension_maximum", "displacement_largest", "axial_compression_maximum"):
+            np.testing.assert_allclose(table[name].values[d, s, k], run[name].values, rtol=1e-9)
 
 
 def test_the_folder_has_the_table_of_memory_and_goes_on(tmp_path):

@@ -145,7 +145,7 @@ def test_interpolated_factors_keep_the_coherence():
     basis = np.eye(20, dtype=complex)
     # the image of unit vectors at each frequency is the factor itself
     columns = np.stack(
-        [_turbulence._coupled(np.repeat(basis[:, [k]], n.size, axis=1), n, decay) for k in range(20)], axis=2
+        [_turbulence._coupled([np.repeat(basis[:, [k]], n.size, axis=1)], n, decay)[0] for k in range(20)], axis=2
     )
     found = np.einsum("pnk,qnk->npq", columns.real, columns.real)
     assert np.abs(found - np.exp(-n[:, None, None] * decay)).max() < 3e-3
