@@ -101,7 +101,8 @@ def run(
     path = scene_path(scene)
     folder = Path("out", Path(path).stem + ENDING) if out is None else _arguments.folder(out)
     dataset = read_scene(path)
-    angles = _angles(directions or ("0,180" if dataset.sizes["coordinate"] == 2 else "8"))
+    is_planar = dataset.sizes["coordinate"] == 2
+    angles = _angles(directions or ("0,180" if is_planar else "8"), is_planar=is_planar)
     if "ensemble_json" in dataset.attrs:
         _group.note("the [ensemble] table is left aside; this command varies direction, speed and seed of the wind")
     chosen = None if speeds is None else _listed("--speeds", speeds)
@@ -135,6 +136,8 @@ def run(
         say(written)
 
 
+#: Decimals to which angles [deg] are the same.
+SAME = 6
 #: Heading of the envelopes.
 ENVELOPES = (
     "envelopes of the mast: means of the storms' largest values, with their intervals in heights.csv; shear: the larger of both",
@@ -142,8 +145,14 @@ ENVELOPES = (
 )
 
 
-def _angles(given: str) -> list[float]:
-    """Return the directions of ``--directions`` [rad]."""
+def _angles(given: str, *, is_planar: bool) -> list[float]:
+    """Return the directions of ``--directions`` [rad].
+
+    Raises
+    ------
+    SceneError
+        In degrees, as they are given.
+    """
     if "," not in given:
         try:
             count = int(given)
@@ -153,8 +162,16 @@ def _angles(given: str) -> list[float]:
             raise scene_error(
                 "--directions", given, "a number of directions, 1 to 360, or angles [deg] with commas between"
             )
-        return [2.0 * math.pi * k / count for k in range(count)]
-    return [math.radians(angle) for angle in _listed("--directions", given)]
+        angles = [360.0 * k / count for k in range(count)]
+    else:
+        angles = _listed("--directions", given)
+    if not angles or not np.isfinite(angles).all():
+        raise scene_error("--directions", given, "finite angles [deg] with commas between")
+    if np.unique(np.round(np.remainder(angles, 360.0), SAME) % 360.0).size < len(angles):
+        raise scene_error("--directions", given, "angles [deg], each once in a full turn: 360 is 0")
+    if is_planar and np.remainder(angles, 180.0).any():
+        raise scene_error("--directions", given, "0 and 180 [deg] in a planar scene, whose wind blows along x")
+    return [math.radians(angle) for angle in angles]
 
 
 def _listed(key: str, given: str) -> list[float]:

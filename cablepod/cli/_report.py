@@ -12,6 +12,7 @@ import xarray as xr
 
 from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, part_of_run
 from cablepod.conventions import ENDINGS_OF_AIR, ENDS, STILL_AIR, printed, printed_unit
+from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.study._figures import FIGURES
 from cablepod.study._models import fastest_chain
 from cablepod.study._run import TRUTH_TOLERANCE
@@ -22,8 +23,6 @@ HEAD = f"{'model':<24}{'error':>10}{'estimate':>10}{'call':>11}{'one run':>11}{'
 VIBRATIONS = ("frequency_in_plane", "frequency_out_of_plane")
 #: Maximum error of a reduced model that is compared with chains, as a fraction of the motion.
 LARGEST_ERROR = 0.05
-#: Estimated error of the links above which more are advised, as a fraction of the motion.
-COARSE = 0.01
 #: Ratio of a call to one of its runs up to which their difference is noise of the clock.
 NOISE = 1.1
 
@@ -242,8 +241,11 @@ def notes(study: xr.DataTree) -> list[str]:
         lines.append(
             f"notes: {study.attrs['notes_left_out']} more like those above, of other models and with other numbers"
         )
-    if chain.attrs["space_error_estimate"] > COARSE:
-        lines.append("the links of the last row are too few for the continuous cable, by this estimate; give more")
+    if (error := chain.attrs["space_error_estimate"]) > LIKELY:
+        links = chain.sizes["particle"] - 1
+        lines.append(
+            f"the links of the last row are too few for the continuous cable, by this estimate; {remedy_of(links, error)}"
+        )
     if chain.attrs["time_error_estimate"] > TRUTH_TOLERANCE:
         lines.append(
             "two steps of the last row disagree by more than the tolerance: chaotic or too abrupt a motion, "

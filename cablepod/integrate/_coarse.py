@@ -27,6 +27,8 @@ FREE_PART, RESONANCE = 0.5, 0.05
 NODES_PER_HALF_WAVE = 4.0
 #: Error without a warning, as a fraction of the motion.
 LIKELY = 0.01
+#: Error from which links do not resolve the motion.
+LARGE = 0.1
 #: Rms over the cable of a parabolic deflection of height 1, and of a deflection that falls linearly from 1 at one end.
 PARABOLA, LINE = math.sqrt(8.0 / 15.0), math.sqrt(1.0 / 3.0)
 #: Number of instants at which the motion of the ends is sampled.
@@ -52,6 +54,17 @@ class Driven(NamedTuple):
         if self.drift > LIKELY * links**2:
             return "vibrations of so few links lose their phase"
         return f"{links / self.half_waves:.3g} for each half wave that is driven, of {LINKS_PER_HALF_WAVE:g}"
+
+
+def remedy_of(links: int, error: float) -> str:
+    """Return what to do where some links have an estimated error in space that is too large.
+
+    The error falls with the square of the links once they resolve the motion; a large one falls later, and asks for more.
+    """
+    enough = math.ceil(links * math.sqrt(error / LIKELY))
+    about = "about" if error < LARGE else "at least"
+    links_given = "chain.links of the scene, or the option links"
+    return f"try {about} {enough} links ({links_given}), or cable.simulate, which chooses its elements by a tolerance"
 
 
 def warn_of_few_links(p: Parameters, links: int, end_time: float, *, prefix: str = "") -> None:

@@ -12,8 +12,17 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import NORMAL_MODES, taken
 from cablepod._resources import check_memory
+from cablepod.batch._members import inside_members
 from cablepod.discretisation._modal_damping import ratios_error
-from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
+from cablepod.errors import (
+    NotConvergedWarning,
+    OutOfRangeWarning,
+    RunStopped,
+    SceneError,
+    UnusualSceneWarning,
+    scene_error,
+    user_stacklevel,
+)
 from cablepod.integrate._request import check_outputs, check_times
 from cablepod.mast import _output as output
 from cablepod.mast._catenary_run import CatenaryGuys
@@ -59,6 +68,7 @@ class MastCase:
         in_wind = p.wind is not None or wind is not None
         _check_kind(p, guys, self.wanted, in_wind=in_wind, rank=rank, modes=modes, links=links)
         self.instants = instants = p.times() if times is None else check_times(times)
+        warn_of_late_breaks(p, float(instants[-1]))
         check_memory(instants.size, max(len(p.guys), 1), 3, key="time.interval" if times is None else "times")
         self.scene, self.modes, self.guys, self.tolerance, self.window = scene, modes, guys, tolerance, window
         self.wind, self.links, self.step, self.count = wind, links, step, RANK if rank is None else int(rank)
@@ -140,6 +150,13 @@ class MastCase:
                 result,
             )
         return result
+
+
+def warn_of_late_breaks(p: MastParameters, end_time: float) -> None:
+    """Warn of guys that do not break before the end of a run [s]; not within members, and not of a start alone."""
+    texts = p.late_breaks(end_time) if end_time and not inside_members() else []
+    if texts:
+        warnings.warn("; ".join(texts), UnusualSceneWarning, stacklevel=user_stacklevel())
 
 
 def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:

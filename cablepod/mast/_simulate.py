@@ -92,6 +92,8 @@ def simulate(
         a tenth, for which it is no beam of small slopes.
     NotConvergedWarning
         If the tolerance is not met.
+    UnusualSceneWarning
+        For guys that do not break before the end of the run.
 
     Notes
     -----

@@ -18,6 +18,7 @@ from cablepod.mast._piecewise_guys import first_thing
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.scene._notes import notes_of_temperatures
 
 #: Number of frequencies.
 FREQUENCIES = 6
@@ -68,8 +69,9 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Notes tell of guys that move as chains, of a critical factor of buckling below 3, guys that are nearly slack at rest, and
-    displacements at rest beyond a fiftieth of the height, where slopes are no longer small.
+    Notes tell of guys that move as chains, of a critical factor of buckling below 3, guys that are nearly slack at rest,
+    displacements at rest beyond a fiftieth of the height, where slopes are no longer small, temperatures that are likely in
+    kelvins, and guys that break after the end of the run.
 
     Examples
     --------
@@ -139,7 +141,8 @@ def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str
 
 def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:
     """Return what is unusual, a line each."""
-    notes = []
+    notes = [f"{note.key}: {note.text}" for note in notes_of_temperatures(p.temperatures)]
+    notes += [] if p.duration is None else p.late_breaks(p.duration)
     if (thing := first_thing(p)) is not None:
         notes.append(f"{thing}: guys move as chains of {links_of(p)} links, which chain.links changes")
     factor = float(at_rest["buckling_factor"])

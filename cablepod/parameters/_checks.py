@@ -20,8 +20,14 @@ NORMAL = "normal"
 Check = Callable[[str, Any], Any]
 
 
-def number(*, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> Check:
-    """Make a check of a finite number within bounds."""
+def number(
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
+    mistaken: tuple[float, str] | None = None,
+) -> Check:
+    """Make a check of a finite number within bounds; `mistaken` is a unit, factor and name, in which it is given by mistake."""
     bounds = [
         f"above {above:g}" if above > -math.inf else "",
         f"of at least {least:g}" if least > -math.inf else "",
@@ -38,7 +44,10 @@ def number(*, above: float = -math.inf, least: float = -math.inf, most: float = 
         except OverflowError:
             raise scene_error(key, value, allowed) from None
         if not math.isfinite(result) or result <= above or result < least or result > most:
-            raise scene_error(key, value, allowed)
+            remedy = ""
+            if mistaken is not None and most < result < math.inf and result * mistaken[0] <= most:
+                remedy = f"; try: {result * mistaken[0]:.6g} (given in {mistaken[1]}?)"
+            raise scene_error(key, value, allowed + remedy)
         if abs(result) > LARGEST or (above >= 0.0 and result < SMALLEST):
             raise scene_error(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
         return result

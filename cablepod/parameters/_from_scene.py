@@ -34,7 +34,7 @@ from cablepod.parameters._nonuniform import with_segments_and_attachments
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._particles import check_own, number_of_links, with_means
 from cablepod.parameters._scene_values import check_values
-from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of
+from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of, temperatures_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.provenance import digest
 
@@ -237,6 +237,7 @@ def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any]
         turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
         masses=chain.get("masses"),
         link_stiffness=chain.get("stiffness"),
+        temperatures=temperatures_of(values, number),
     )
     result = expanded(result, expansion_of(values, cable, "cable", number))
     ice = whole_table_at(values, "ice", ICE)

@@ -57,6 +57,9 @@ def _force(long_name: str) -> Key:
     return Key(number(above=0.0), "N", long_name)
 
 
+#: Maximum diameter of a cable [m], above the main cables of suspension bridges (1.3), and thickness of ice [m], above the rime on
+#: masts in mountains; and a unit in which both are given by mistake: factor and name.
+MAX_DIAMETER, MAX_ICE, MM = 3.0, 2.0, (1e-3, "mm")
 #: Temperatures [degC], and coefficients of thermal expansion [1/K]: polyethylene 2e-4, aramid -2e-6.
 _TEMPERATURE = number(least=-273.15, most=1000.0)
 EXPANSION = Key(number(least=-5e-4, most=5e-4), "K-1", "coefficient of thermal expansion")
@@ -84,7 +87,9 @@ CABLE = {
     "strand_table": Key(text, None, "CSV file of strands, in place of the shipped table"),
     "breaking_strength": _force("breaking strength of the cable"),
     "thermal_expansion": EXPANSION,
-    "diameter": Key(number(above=0.0), "m", "diameter of the cable, on which the wind acts"),
+    "diameter": Key(
+        number(above=0.0, most=MAX_DIAMETER, mistaken=MM), "m", "diameter of the cable, on which the wind acts"
+    ),
     "drag_coefficient": Key(number(least=0.0), "1", "drag coefficient of the cable, 1.2 by default"),
 }
 #: Quantities from which the kernels of the catenary find the length, in their order.
@@ -189,7 +194,9 @@ TURBULENCE = {
     **WIND_RECORD,
 }
 ICE = {
-    "thickness": Key(number(least=0.0), "m", "thickness of the ice, grown after tensioning", required=True),
+    "thickness": Key(
+        number(least=0.0, most=MAX_ICE, mistaken=MM), "m", "thickness of the ice, grown after tensioning", required=True
+    ),
     "density": Key(number(above=0.0), "kg m-3", "density of the ice", default=700.0),
 }
 TABLES: Mapping[str, Mapping[str, Key]] = {

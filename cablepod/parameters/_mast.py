@@ -35,7 +35,7 @@ from cablepod.parameters._mast_keys import (
 )
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.parameters._scene_values import check_values
-from cablepod.parameters._temperature import TEMPERATURES, expansion_of
+from cablepod.parameters._temperature import TEMPERATURES, expansion_of, temperatures_of
 from cablepod.parameters._time_functions import TimeFunction
 
 #: Quantities of a cross-section.
@@ -93,6 +93,7 @@ class MastParameters:
     wind: Mapping[str, Any] | None
     turbulence: Mapping[str, Any] | None
     expansion: float  #: heights over those of the scene, which hold at its reference temperature
+    temperatures: tuple[float, float] | None  #: temperature and reference temperature [degC]; None without
 
     def given_heights(self, heights: np.ndarray) -> np.ndarray:
         """Return heights [m] as the scene gives them, which label results."""
@@ -103,6 +104,14 @@ class MastParameters:
         if self.duration is None or self.interval is None:
             raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
         return self.interval * np.arange(count_instants(self.duration, self.interval))
+
+    def late_breaks(self, end_time: float) -> list[str]:
+        """Return a text for each guy that does not break before the end of a run [s], after which nothing is computed."""
+        return [
+            f"{guy.key}.breaks: guy {number} breaks at {guy.breaks:g} s, not before the end of the run at {end_time:g} s"
+            for number, guy in enumerate(self.guys, 1)
+            if guy.breaks is not None and guy.breaks >= end_time
+        ]
 
     @property
     def levels(self) -> np.ndarray:
@@ -204,6 +213,7 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         wind=whole_table_at(values, "wind", WIND) or None,
         turbulence=_turbulence(values),
         expansion=expansion,
+        temperatures=temperatures_of(values),
     )
 
 

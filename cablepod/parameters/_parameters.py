@@ -140,6 +140,7 @@ class Parameters:
     #: the same cable as it was tensioned, without ice and at the reference temperature; None where it is the same
     bare: Parameters | None = None
     expansion: Any = 1.0  #: unstretched length over that of `bare`
+    temperatures: tuple[Any, Any] | None = None  #: temperature and reference temperature [degC]; None without
 
     @cached_property
     def dims(self) -> int:

@@ -24,6 +24,14 @@ REFERENCE = 20.0
 TEMPERATURES = ("temperature", "reference_temperature")
 
 
+def temperatures_of(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> tuple[Any, Any] | None:
+    """Return temperature and reference temperature of a scene [degC] by its values; None where it gives neither."""
+    if not any(name in values for name in TEMPERATURES):
+        return None
+    reference = number(values.get("reference_temperature", REFERENCE))
+    return number(values["temperature"]) if "temperature" in values else reference, reference
+
+
 def expansion_of(
     values: Mapping[str, Any], table: Mapping[str, Any], path: str, number: Callable[[Any], Any] = float
 ) -> Any:
@@ -51,8 +59,8 @@ def expansion_of(
         raise scene_error(given[0], np.asarray(values[given[0]]).flat[0], allowed)
     if "temperature" not in values:
         return None
-    reference = number(values.get("reference_temperature", REFERENCE))
-    return 1.0 + number(table["thermal_expansion"]) * (number(values["temperature"]) - reference)
+    temperature, reference = temperatures_of(values, number)  # type: ignore[misc]
+    return 1.0 + number(table["thermal_expansion"]) * (temperature - reference)
 
 
 def expanded(p: Parameters, expansion: Any) -> Parameters:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+import textwrap
 from collections.abc import Iterable, Sequence
 from html import escape
 from string import Template
@@ -17,6 +18,10 @@ MAX_COLUMNS = 7
 NOTHING, NUMBER = "-", re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?( %)?|-")
 #: Class of the cells of numbers, and of texts that stay on one line, with their maximum length.
 RIGHT, SHORT, MAX_SHORT = ' class="n"', ' class="s"', 32
+#: Maximum length of a sentence on one line of a text with columns, which fits on the page.
+MAX_SENTENCE = 96
+#: Maximum length of a line with columns that a print of usual size has room for.
+MAX_LINE = 126
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 #: The security policy lets a browser load nothing but the pictures inside the page.
@@ -46,7 +51,8 @@ td.n, td.s { white-space: nowrap; }
 figure { margin: 1em 0; }
 figure img { max-width: 100%; height: auto; }
 figcaption, .legend { color: #444; font-size: 0.9em; }
-pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.82em; line-height: 1.35; }
+.wide { overflow-x: auto; }
+pre { white-space: pre; overflow-x: auto; font-size: 0.82em; line-height: 1.35; }
 ul.warnings { border-left: 4px solid #b5521b; padding: 0.4em 0.4em 0.4em 2em; background: #fdf3ec; }
 code { font-size: 0.92em; overflow-wrap: anywhere; }
 @media print {
@@ -55,6 +61,12 @@ code { font-size: 0.92em; overflow-wrap: anywhere; }
   figure, tr, li { break-inside: avoid; }
   h1, h2, h3 { break-after: avoid; }
   thead { display: table-header-group; }
+  .wide { overflow: visible; }
+  table { font-size: 0.8em; }
+  th, td { padding-right: 0.5em; }
+  td.s { white-space: normal; }
+  pre { white-space: pre-wrap; overflow: visible; overflow-wrap: anywhere; font-size: 6.4pt; }
+  pre.long { font-size: 5.2pt; }
   ul.warnings { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 </style>
@@ -116,8 +128,13 @@ def paragraph(value: object, kind: str = "") -> str:
 
 
 def lines(value: str) -> str:
-    """Return a text whose lines and columns are kept."""
-    return f"<pre>{text(value)}</pre>"
+    """Return a text whose lines and columns are kept; long sentences, which have no columns, are broken."""
+    kept: list[str] = []
+    for line in value.split("\n"):
+        is_long = len(line) > MAX_SENTENCE and "  " not in line.strip()
+        kept += textwrap.wrap(line, MAX_SENTENCE, subsequent_indent="  ", break_long_words=False) if is_long else [line]
+    kind = ' class="long"' if max(map(len, kept), default=0) > MAX_LINE else ""
+    return f"<pre{kind}>" + text("\n".join(kept)) + "</pre>"
 
 
 def bullets(items: Iterable[object], kind: str = "") -> str:
@@ -138,7 +155,7 @@ def _part(content: Table, chosen: Sequence[int]) -> str:
     right = {i for i in chosen if content.rows and all(NUMBER.fullmatch(row[i]) for row in content.rows)}
     head = "".join(f"<th{RIGHT if i in right else ''}>{text(content.head[i])}</th>" for i in chosen)
     rows = "\n".join("<tr>" + "".join(_cell(row[i]) for i in chosen) + "</tr>" for row in content.rows)
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>"
+    return f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table></div>'
 
 
 def _cell(value: str) -> str:

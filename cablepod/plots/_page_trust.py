@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import ATTRIBUTES, digits
-from cablepod.integrate._coarse import LIKELY
+from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.plots import _page_tables
 from cablepod.plots._page_html import NOTHING, Table
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR, warn_condensed_out_of_range, warn_galerkin_out_of_range
@@ -56,7 +56,8 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
         if coarse is not None and coarse > LIKELY:
             yield (
                 f"{name}: too few links or elements for the continuous cable: {ATTRIBUTES['space_error_estimate'][1]}: "
-                + (f"{100.0 * coarse:.2g} %, above {100.0 * LIKELY:.2g} %")
+                + f"{100.0 * coarse:.2g} %, above {100.0 * LIKELY:.2g} %"
+                + (f"; {remedy_of(dataset.sizes['particle'] - 1, coarse)}" if "particle" in dataset.sizes else "")
             )
         yield from (f"{name}: {text}" for text in _of_members(dataset))
         for variable, what in FORCES.items():

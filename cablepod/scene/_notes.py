@@ -23,6 +23,7 @@ from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._temperature import TEMPERATURES
 from cablepod.parameters._time_functions import TimeFunction
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -36,6 +37,12 @@ MODULUS = (1e7, 2e12)
 STIFFNESS_OVER_MASS = (1e4, 1e9)
 #: Usual ratios of the chord to the diameter of a round cross-section: below, a bar; above, thinner than a fishing line.
 SLENDERNESS = (200.0, 1e5)
+#: Usual ratios of the diameter to that of a solid cross-section of the same area: ropes have gaps, some a cover.
+DIAMETER_OVER_SOLID = (0.5, 20.0)
+#: Maximum usual thickness of ice [m].
+LARGEST_ICE = 0.3
+#: Maximum usual temperature [degC], of conductors, and difference from that of reference [K]; kelvins are beyond both.
+HIGHEST_TEMPERATURE, LARGEST_DIFFERENCE, ZERO_CELSIUS = 150.0, 100.0, 273.15
 #: Maximum usual area [m2], the main cable of a suspension bridge.
 LARGEST_AREA = 1.0
 #: Usual gravitational acceleration [m/s2] beside 0: Moon to Jupiter.
@@ -59,6 +66,7 @@ UNITS: dict[str, dict[float, str]] = {
     "force": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
     "gravity": {1e-3: "mm/s2", 1e-6: ""},
     "load": {1e-3: "", 1e-6: ""},
+    "diameter": {1e-3: "mm", 1e-2: "cm", 1e3: ""},
     "length": {1e-3: "mm", 1e-2: "cm", 1e3: "km", 1e-6: "", 1e6: ""},
 }
 
@@ -163,6 +171,7 @@ def notes_of(p: Parameters, tension: float | None = None) -> tuple[Note, ...]:
     """
     numbers = static_numbers(p)
     found = [*_notes_of_cable(p, numbers), *_notes_of_rest(p, numbers, tension), *_notes_of_motion(p, numbers)]
+    found += notes_of_temperatures(p.temperatures)
     return tuple(sorted(found, key=lambda note: -note.excess))
 
 
@@ -181,6 +190,11 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     slenderness = numbers.chord / numbers.diameter
     what = f"a diameter of {numbers.diameter:.3g} m on a chord of {numbers.chord:.3g} m, with a ratio"
     yield from _outside("cable.area", what, slenderness, SLENDERNESS, "")
+    if p.diameter is not None:
+        diameter = float(_given_diameter(p))
+        what = f"a diameter of {diameter:.3g} m over that of a solid cross-section of the same area, a ratio"
+        yield from _outside("cable.diameter", what, diameter / numbers.diameter, DIAMETER_OVER_SOLID, "")
+        yield from _outside("ice.thickness", "ice", 0.5 * (float(p.diameter) - diameter), (0.0, LARGEST_ICE), "m")
     if p.breaking_strength is not None:
         what, stress = "a breaking strength over the area", p.breaking_strength / numbers.area
         yield from _outside("cable.breaking_strength", what, stress, BREAKING_STRESS, "Pa")
@@ -203,6 +217,30 @@ def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None)
     if upper[1] < lower[1] and p.weight[1] < 0.0:
         drop = f"an upper end {lower[1] - upper[1]:.3g} m below the lower one (swapped?)"
         yield Note("ends.upper", drop, 0.0)
+
+
+def _given_diameter(p: Parameters) -> Any:
+    """Return the diameter without ice [m]."""
+    return p.diameter if p.bare is None else p.bare.diameter
+
+
+def notes_of_temperatures(temperatures: tuple[float, float] | None) -> Iterator[Note]:
+    """Yield the note of a temperature or reference temperature [degC] that is likely in kelvins, or far from the other."""
+    if temperatures is None:
+        return
+    given, reference = temperatures
+    for key, value in zip(TEMPERATURES, temperatures, strict=True):
+        if value > HIGHEST_TEMPERATURE:
+            usual = (
+                f"usual: up to {HIGHEST_TEMPERATURE:g} degC; kelvins? {value:g} K are {value - ZERO_CELSIUS:.6g} degC"
+            )
+            yield Note(key, f"a temperature of {value:g} degC ({usual})", math.log10(value / HIGHEST_TEMPERATURE))
+            return
+    difference = abs(given - reference)
+    if difference > LARGEST_DIFFERENCE:
+        what = f"a temperature of {given:g} degC, {difference:g} K from the reference temperature of {reference:g} degC"
+        usual = f"usual: up to {LARGEST_DIFFERENCE:g} K; is one of them in another unit, kelvins?"
+        yield Note("temperature", f"{what} ({usual})", math.log10(difference / LARGEST_DIFFERENCE))
 
 
 def _notes_of_motion(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
@@ -240,6 +278,7 @@ def likely_keys(p: Parameters) -> list[tuple[str, str]]:
     keys += ["motion"] if p.motions else []
     keys += ["load"] if p.load is not None else []
     keys += ["breaking_strength"] if p.breaking_strength is not None else []
+    keys += ["diameter"] if p.diameter is not None else []
     found = []
     for key in keys:
         of_length = key in ("ends", "motion", "unstretched_length", "sag")
@@ -259,6 +298,13 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
         changes = {name: getattr(p, name) * factor for name in names}
     elif key in WEIGHT_KEYS:
         changes = {"mass": p.mass * factor, "weight": p.weight * factor}
+    elif key == "diameter":
+        given = _given_diameter(p)
+        ice = 0.5 * (p.diameter - given)
+        mass = (
+            p.mass if p.bare is None or not ice else p.mass - _mass_of_ice(p) * (1.0 - factor) * given / (given + ice)
+        )
+        changes = {"diameter": factor * given + 2.0 * ice, "mass": mass, "weight": p.weight * (mass / p.mass)}
     elif key == "ends":
         changes = {"lower": p.lower * factor, "upper": p.upper * factor}
     elif key == "motion":
@@ -270,6 +316,11 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
     if p.bare is not None:
         changes["bare"] = _scaled(p.bare, key, factor)
     return replace(p, **changes)
+
+
+def _mass_of_ice(p: Parameters) -> Any:
+    """Return the mass per length of the ice on a cable that was tensioned without it [kg/m]."""
+    return 0.0 if p.bare is None else p.mass - p.bare.mass / p.expansion
 
 
 def _scaled_function(function: TimeFunction, factor: float) -> TimeFunction:
@@ -300,6 +351,7 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
         "mass_per_length": scaled.mass,
         "specific_weight": math.hypot(*scaled.weight) / area,
         "breaking_strength": scaled.breaking_strength,
+        "diameter": _given_diameter(scaled),
         "gravity": math.hypot(*scaled.weight) / scaled.mass,
     }
     vectors = {"ends": "ends.lower and ends.upper", "load": "load.uniform", "motion": "the displacements of motion"}

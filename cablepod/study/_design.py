@@ -15,6 +15,7 @@ from cablepod import archive, mast, provenance
 from cablepod._inputs import taken
 from cablepod.archive._folder import path_of
 from cablepod.errors import SceneError, scene_error, shown
+from cablepod.mast._runs import warn_of_late_breaks
 from cablepod.parameters._checks import integer, number, numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters
@@ -107,6 +108,8 @@ def design(
         If storms failed; their direction and speed have nan.
     OutOfRangeWarning
         If guys go slack; the result has them by name.
+    UnusualSceneWarning
+        For guys that do not break before the end of a storm.
 
     Notes
     -----
@@ -130,6 +133,8 @@ def design(
     curve = None if shares is None else (float(slope), float(reference_range))  # type: ignore[arg-type]
     if shares is not None:
         kind.check_areas(scene)
+    if kind is MAST:
+        warn_of_late_breaks(mast_parameters(scene), float(scene["time_duration"]))
     scenes = _scenes(scene, axes)
     options = {**kind.options(scene), "window": window}
     folder = None if out is None else path_of(out, key="out", allowed="a folder")

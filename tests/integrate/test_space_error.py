@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 import warnings
 
@@ -14,7 +15,7 @@ from cablepod import examples
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.discretisation._interpolation import at_places
-from cablepod.integrate._coarse import driven_of
+from cablepod.integrate._coarse import LIKELY, driven_of, remedy_of
 from cablepod.integrate._space_error import COMPANION_NEWTON, FEWER_IMPLICIT_STEPS
 from cablepod.parameters._from_scene import parameters
 
@@ -161,6 +162,18 @@ def test_unequal_links_keep_their_gradation(soft):
         for item in (graded, equal)
     ]
     assert 0.3 < found[0] / found[1] < 3.0  # the longest link is 1.33 times as long, its error 1.8 times as large
+
+
+def test_the_number_of_links_that_is_advised_would_do():
+    """The estimate of a chain with the advised number of links is what is asked for; about, as it falls with their square."""
+    scene = examples.scene("example3")
+    run = cp.chain.simulate(scene, links=5, outputs=("error_estimate",))
+    error = run.attrs["space_error_estimate"]
+    assert error > 4.0 * LIKELY
+    advised = int(re.search(r"try about (\d+) links", remedy_of(5, error))[1])
+    finer = cp.chain.simulate(scene, links=advised, outputs=("error_estimate",))
+    assert 0.5 * LIKELY < finer.attrs["space_error_estimate"] < 1.25 * LIKELY
+    assert "at least" in remedy_of(10, 0.2)
 
 
 def test_where_no_companion_runs_it_is_nan(soft):

@@ -162,6 +162,20 @@ def test_error_estimate_is_of_the_size_of_the_error():
     assert 0.5 * actual < run.attrs["error_estimate"] < 2.0 * actual
 
 
+def test_a_guy_that_breaks_after_the_run_is_noted():
+    def breaking(mapping, at):
+        mapping["guy"][0].update(breaks=at, breaks_number=2)
+
+    late = "guy.1.breaks: guy 2 breaks at 4 s, not before the end of the run at 4 s"
+    scene = small(lambda mapping: breaking(mapping, 4.0))
+    assert late in str(cp.mast.summary(scene)["note"].values)
+    with pytest.warns(cp.UnusualSceneWarning, match=r"^guy\.1\.breaks: guy 2 breaks at 4 s, .* at 4 s$"):
+        cp.mast.simulate(scene, guys="chain")
+    with pytest.warns(cp.UnusualSceneWarning, match=r"at 0\.8 s$"):
+        cp.mast.simulate(small(lambda mapping: breaking(mapping, 1.0)), guys="chain", times=np.arange(5) * 0.2)
+    assert "breaks" not in str(cp.mast.summary(small(lambda mapping: breaking(mapping, 3.9)))["note"].values)
+
+
 def test_one_guy_of_a_table_breaks():
     def breaking(mapping, **keys):
         mapping["guy"][0].update(breaks=1.0, **keys)

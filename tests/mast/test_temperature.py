@@ -32,6 +32,14 @@ def by_hand():
     return mapping
 
 
+@pytest.mark.parametrize("key", ["temperature", "reference_temperature"])
+def test_kelvins_are_noted_and_not_refused(key):
+    assert "temperature" not in str(cp.mast.summary(cp.make_scene(COLD))["note"].values)
+    note = str(cp.mast.summary(cp.make_scene({**COLD, key: 283.0}))["note"].values).splitlines()[0]
+    assert note.startswith(f"{key}: a temperature of 283 degC")
+    assert "283 K are 9.85 degC" in note
+
+
 def test_rest_and_frequencies_are_those_of_the_mast_written_by_hand():
     cold, hand = cp.make_scene(COLD), cp.make_scene(by_hand())
     one, other = cp.mast.rest(cold), cp.mast.rest(hand)

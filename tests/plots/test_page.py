@@ -13,7 +13,7 @@ from public_calls import MAST, datasets
 from scenes import SOFT
 
 import cablepod as cp
-from cablepod.plots import _page_tables, _page_trust
+from cablepod.plots import _page_html, _page_tables, _page_trust
 
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 #: A text that would be markup, and a script, if it were not escaped.
@@ -74,6 +74,28 @@ def text_of(reader):
 
 
 # --- what is on it ----------------------------------------------------------------------------------------------------------
+
+
+def test_wide_tables_scroll_and_print(page):
+    """The page itself never scrolls sideways: every table is in a box that does, long lines too; print has no boxes."""
+    table = [{f"a long heading {k} [m]": 1.0 for k in range(9)}]
+    columns, sentence = "a  b  " + "wide  " * 30, "one sentence without columns " * 8
+    reader = page({"scene": cp.make_scene(SOFT)}, text=f"{columns}\n{sentence}", tables={"Wide": table})
+    tags = [(tag, attrs.get("class")) for tag, attrs in reader.elements]
+    tables = [i for i, (tag, _) in enumerate(tags) if tag == "table"]
+    assert tables
+    assert all(tags[i - 1] == ("div", "wide") for i in tables)
+    assert ("pre", "long") in tags
+    lines = next(text for text in reader.texts if text.startswith("a  b")).splitlines()
+    assert lines[0] == columns
+    assert max(map(len, lines[1:])) < 100  # broken between words
+    assert " ".join(" ".join(lines[1:]).split()) == sentence.strip()
+    style = _page_html.PAGE.template
+    screen, _, print_ = style.partition("@media print")
+    assert ".wide { overflow-x: auto; }" in screen
+    assert ".wide { overflow: visible; }" in print_
+    assert re.search(r"pre \{[^}]*white-space: pre;[^}]*overflow-x: auto", screen)
+    assert re.search(r"pre \{[^}]*white-space: pre-wrap", print_)
 
 
 def test_a_study_has_all_parts(page):
@@ -248,7 +270,7 @@ def test_results_tell_what_is_doubtful():
     results = {
         "summary": xr.Dataset({"note": ((), "density: 8, likely in g/cm3\ngravity: 98")}),
         "chain": xr.Dataset(
-            {"tension_minimum": ("link", [0.0, 5.0])},
+            {"tension_minimum": ("link", [0.0, 5.0]), "position": ("particle", np.zeros(3))},
             attrs={"incomplete": "stopped at 3 s of 10 s", "time_error_estimate": 0.02, "space_error_estimate": 0.05},
         ),
         "mast": xr.Dataset({"guy_tension_minimum": ("guy", [3.0, 0.0, -1.0])}, coords={"guy": [1, 2, 5]}),
@@ -269,6 +291,9 @@ def test_results_tell_what_is_doubtful():
         "mast: slack at times: guy 2, 5", "runs: 1 of 3 members failed: diverged", "3 more notes",
     ):  # fmt: skip
         assert len([text for text in found if text.startswith(part)]) == 1, part
+    coarse = next(text for text in found if text.startswith("chain: too few links"))
+    assert "try about 5 links" in coarse  # of two with an error of 5 %, by the square of their number
+    assert "cable.simulate" in coarse
     assert len([text for text in found if text.startswith("runs: 1 of 3 members: estimated")]) == 2
     clean = {
         "chain": xr.Dataset(

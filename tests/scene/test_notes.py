@@ -114,6 +114,70 @@ def test_the_unit_is_named(key, value, unit):
     assert f"(given in {unit}?)" in said
 
 
+WIND = {"speed": 20.0, "direction": [1.0, 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [("17", "0.017"), ("12.7", "0.0127")],
+)
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [({"breaking_strength": 1.5e5}, "cable.diameter"), ({"strand": "EHS 1/2 in"}, "cable.diameter")],
+)
+def test_a_diameter_in_millimetres_is_refused_with_metres(given, meant, more, key):
+    mapping = guy(**more, diameter=float(given))
+    if "strand" in more:
+        mapping["cable"] = {"top_tension": 15000.0, **more, "diameter": float(given)}
+    with pytest.raises(cp.SceneError, match=rf"^{key}: given {given}\S*; allowed: .* try: {meant} \(given in mm\?\)$"):
+        cp.make_scene(mapping)
+
+
+@pytest.mark.parametrize("wind", [{}, {"wind": WIND}])
+def test_ice_in_millimetres_is_refused_with_metres(wind):
+    mapping = guy(diameter=0.016) | wind
+    with pytest.raises(cp.SceneError, match=r"^ice.thickness: given 10\S*; allowed: .* try: 0.01 \(given in mm\?\)$"):
+        cp.make_scene(mapping | {"ice": {"thickness": 10.0}})
+    mapping = guy(diameter=0.016) | wind | {"ice": {"thickness": 0.4}}
+    assert "ice.thickness" in [note.key for note in notes(mapping)]
+
+
+@pytest.mark.parametrize("ice", [{}, {"ice": {"thickness": 0.01}}])
+@pytest.mark.parametrize(("factor", "unit"), [(100.0, "cm"), (1000.0, "mm")])
+def test_a_diameter_that_the_area_contradicts_is_noted_with_its_unit(ice, factor, unit):
+    mapping = guy(diameter=0.0029 * factor, area=4.0e-6, top_tension=500.0, breaking_strength=6000.0) | ice
+    del mapping["load"]
+    said = _notes._warning(parameters(cp.make_scene(mapping)))
+    assert said.startswith("cable.diameter: "), said
+    assert f"cable.diameter = 0.0029 (given in {unit}?)" in said
+    assert notes(guy(diameter=0.016) | ice) == ()
+
+
+@pytest.mark.parametrize(
+    ("temperatures", "key", "asked"),
+    [
+        ({"temperature": 268.0}, "temperature", "kelvins? 268 K are -5.15 degC"),
+        (
+            {"temperature": -5.0, "reference_temperature": 293.15},
+            "reference_temperature",
+            "kelvins? 293.15 K are 20 degC",
+        ),
+        ({"temperature": 268.0, "reference_temperature": 293.15}, "temperature", "kelvins? 268 K are -5.15 degC"),
+        ({"temperature": 125.0}, "temperature", "105 K from the reference temperature of 20 degC"),
+    ],
+)
+def test_temperatures_in_kelvins_are_noted(temperatures, key, asked):
+    mapping = guy(thermal_expansion=1.2e-5) | temperatures
+    found = notes(mapping)
+    assert [note.key for note in found] == [key]
+    assert asked in found[0].text
+    assert "kelvins" in found[0].text
+    with pytest.warns(cp.UnusualSceneWarning, match=f"^{key}: "):
+        cp.chain.simulate(cp.make_scene(mapping), step=1e-3, times=[0.0])
+    usual = {"temperature": -40.0, "reference_temperature": 10.0}
+    assert notes(guy(thermal_expansion=1.2e-5) | usual) == ()
+
+
 @pytest.mark.parametrize(
     ("path", "value", "key"),
     [

@@ -382,6 +382,41 @@ interval = 0.05
 """
 
 
+@pytest.mark.parametrize(
+    ("given", "allowed"),
+    [
+        ("0,360", "angles [deg], each once in a full turn: 360 is 0"), ("-90,270", "angles [deg], each once in a full turn"),
+        ("0,nan", "finite angles [deg] with commas between"), (",", "finite angles [deg] with commas between"),
+    ],
+)  # fmt: skip
+def test_the_command_refuses_directions_in_degrees(tmp_path, capsys, given, allowed):
+    path = tmp_path / "mast.toml"
+    path.write_text(MAST_TOML)
+    assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--directions", given]) == 2
+    said = capsys.readouterr().err
+    assert f"--directions: given '{given}'; allowed: {allowed}" in said
+    assert "rad" not in said
+
+
+def test_the_command_refuses_directions_out_of_the_plane_in_degrees(tmp_path, capsys):
+    guy = "\n".join(
+        [
+            "[cable]",
+            "strand = 'EHS 1/2 in'",
+            "diameter = 0.0127",
+            "top_tension = 15000.0",
+            "[ends]",
+            "lower = [0.0, 0.0]",
+            "upper = [20.0, 50.0]",
+        ]
+    )
+    path = tmp_path / "guy.toml"
+    path.write_text(f"{guy}\n[wind]\nspeed = 20.0\ndirection = [1.0, 0.0]\n[time]\nduration = 5.0\ninterval = 0.5\n")
+    for given in ("90,", "3"):
+        assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--directions", given]) == 2
+        assert f"--directions: given '{given}'; allowed: 0 and 180 [deg] in a planar scene" in capsys.readouterr().err
+
+
 def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
     path = tmp_path / "mast.toml"
     path.write_text(MAST_TOML)
