@@ -179,13 +179,14 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     gravity = math.hypot(*p.weight) / p.mass
     if gravity > 0.0:
         yield from _outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
+    mass = p.mass if p.bare is None else p.bare.mass  # without ice
     if p.masses is None:
-        yield from _outside(f"cable.{p.weight_key}", "a density", numbers.density, DENSITY, "kg/m3")
+        yield from _outside(f"cable.{p.weight_key}", "a density", mass / numbers.area, DENSITY, "kg/m3")
     if p.link_stiffness is None:
         yield from _outside(p.stiffness_path, "a Young's modulus", numbers.modulus, MODULUS, "Pa")
     if p.area is None and not p.own_keys:
         what = "an axial stiffness over the mass per length"
-        yield from _outside("cable.axial_stiffness", what, p.stiffness / p.mass, STIFFNESS_OVER_MASS, "m2/s2")
+        yield from _outside("cable.axial_stiffness", what, p.stiffness / mass, STIFFNESS_OVER_MASS, "m2/s2")
     yield from _outside("cable.area", "an area", numbers.area, (0.0, LARGEST_AREA), "m2")
     slenderness = numbers.chord / numbers.diameter
     what = f"a diameter of {numbers.diameter:.3g} m on a chord of {numbers.chord:.3g} m, with a ratio"
@@ -343,13 +344,14 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
     """Return key path and text of the change of a key."""
     given = f"given in {unit}?" if unit else f"{factor:g} times what was given"
     area = math.nan if scaled.area is None else scaled.area
+    bare = scaled if scaled.bare is None else scaled.bare  # without ice, as it is given
     values = {
         "area": area,
         "youngs_modulus": scaled.stiffness / area,
         "axial_stiffness": scaled.stiffness,
-        "density": scaled.mass / area,
-        "mass_per_length": scaled.mass,
-        "specific_weight": math.hypot(*scaled.weight) / area,
+        "density": bare.mass / area,
+        "mass_per_length": bare.mass,
+        "specific_weight": math.hypot(*bare.weight) / area,
         "breaking_strength": scaled.breaking_strength,
         "diameter": _given_diameter(scaled),
         "gravity": math.hypot(*scaled.weight) / scaled.mass,
