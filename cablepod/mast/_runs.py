@@ -156,7 +156,7 @@ def warn_of_late_breaks(p: MastParameters, end_time: float) -> None:
     """Warn of guys that do not break before the end of a run [s]; not within members, and not of a start alone."""
     texts = p.late_breaks(end_time) if end_time and not inside_members() else []
     if texts:
-        warnings.warn("; ".join(texts), UnusualSceneWarning, stacklevel=user_stacklevel())
+        warnings.warn(f"{'; '.join(texts)}; try a longer run", UnusualSceneWarning, stacklevel=user_stacklevel())
 
 
 def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:
