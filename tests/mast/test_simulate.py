@@ -169,7 +169,9 @@ def test_a_guy_that_breaks_after_the_run_is_noted():
     late = "guy.1.breaks: guy 2 breaks at 4 s, not before the end of the run at 4 s"
     scene = small(lambda mapping: breaking(mapping, 4.0))
     assert late in str(cp.mast.summary(scene)["note"].values)
-    with pytest.warns(cp.UnusualSceneWarning, match=r"^guy\.1\.breaks: guy 2 breaks at 4 s, .* at 4 s; try a longer run$"):
+    with pytest.warns(
+        cp.UnusualSceneWarning, match=r"^guy\.1\.breaks: guy 2 breaks at 4 s, .* at 4 s; try a longer run$"
+    ):
         cp.mast.simulate(scene, guys="chain")
     with pytest.warns(cp.UnusualSceneWarning, match=r"at 0\.8 s; try"):
         cp.mast.simulate(small(lambda mapping: breaking(mapping, 1.0)), guys="chain", times=np.arange(5) * 0.2)
