@@ -69,7 +69,12 @@ def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) 
     """Refuse scenes, and combinations of options, that the model does not support."""
     check_law(law)
     choice(*ORDERS)("order", order)
-    refuse_nonuniform(p, "chain.simulate")
+    if order != "leading":
+        refuse_nonuniform(p, f'order "leading" in place of "{order}"')
+    if p.tension_damping is not None and any(attachment.spring for attachment in p.attachments):
+        raise scene_error(
+            "damping.tension_proportional", p.tension_damping, "none beside a spring; try: damping.mass_proportional"
+        )
     if order == "leading" and law != "linear":
         raise scene_error("law", law, '"linear" with order "leading", which is of first order in the strain')
     if quadrature is not None:

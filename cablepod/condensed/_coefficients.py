@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from cablepod.catenary._statics import solve_statics
+from cablepod.condensed._attached import loading, place_of, shapes_of_loads, stiffness_of_springs
 from cablepod.condensed._reference_state import (
     INSTANTS,
     ReferenceState,
@@ -66,7 +68,17 @@ class Coefficients:
     @cached_property
     def mass(self) -> np.ndarray:
         """Masses of the particles (n + 1,) [kg]."""
-        return self.chain.p.mass * self.chain.tributary_length
+        return self.chain.mass
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the cable is the same along its length, without attachments."""
+        return not (self.chain.p.segments or self.chain.p.attachments)
+
+    @cached_property
+    def mass_length(self) -> np.ndarray:
+        """Masses of the particles over the mean mass per length of the cable (n + 1,) [m]."""
+        return self.chain.tributary_length if self.is_uniform else self.mass / self.chain.p.mass
 
     @cached_property
     def root_total_mass(self) -> float:
@@ -99,7 +111,7 @@ class Coefficients:
         chain, shear = self.chain, self.rest_shear[k]
         sag = 0.0 if self.reference_state is None else float(self.reference_state.sag)
         return (2.0 * sag * chain.p.mass) * chordwise_inertia(
-            slopes * shear, chain.length, chain.arc_length, chain.tributary_length
+            slopes * shear, chain.length, chain.arc_length, self.mass_length
         )
 
     @property
@@ -120,10 +132,25 @@ class Coefficients:
         p = self.chain.p
         ends = p.end_positions(np.zeros(1))
         normals = ChordFrame.of(ends[:, 1] - ends[:, 0], self.reference).normals[0]
-        loads = [p.load_at(0.0), *([np.zeros(p.dims)] if p.motions else [])]
+        uniform = p.load_at(0.0)
+        loads = [uniform if self.is_uniform else p.weight, *([np.zeros(p.dims)] if p.motions else [])]
+        if not self.is_uniform and p.load is not None:
+            loads.append(uniform - p.weight)
         loads += [load.force * (1.0 if load.factor is None else float(load.factor(0.0))) for load in p.point_loads]
-        deviations = self.chordwise_force_patterns - self.mean_chordwise_forces[:, None]
+        patterns = self.chordwise_force_patterns[: len(loads)]
+        deviations = patterns - (patterns @ self.chain.length / self.chain.total_length)[:, None]
         return (normals @ np.array(loads).T) @ deviations
+
+    @cached_property
+    def rest_slopes(self) -> np.ndarray:
+        """Slopes of the deflections on the links at rest (sets, n), to first order in the sag."""
+        return -self._rest_shear / self.rest_tension
+
+    @cached_property
+    def rest_tension(self) -> float:
+        """Mean of the tensions of both ends at rest [N]."""
+        statics = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
+        return 0.5 * float(statics[4] + statics[5])
 
     @cached_property
     def reference_state(self) -> ReferenceState | None:
@@ -204,10 +231,13 @@ class Coefficients:
     def load_patterns(self) -> np.ndarray:
         """Particle loads of each unit load pattern (patterns, particle) [m], point loads [1]."""
         chain, p = self.chain, self.chain.p
-        patterns = [chain.tributary_length]
+        patterns = [self.mass_length]
         if p.motions:
-            patterns.append(chain.tributary_length * chain.arc_length / chain.total_length)
-        patterns += [_point_load_shares(chain, load.fraction) for load in p.point_loads]
+            patterns.append(self.mass_length * chain.arc_length / chain.total_length)
+        if not self.is_uniform and p.load is not None:
+            patterns.append(chain.tributary_length)
+        patterns += [place_of(chain, load.fraction) for load in p.point_loads]
+        patterns += [np.zeros(chain.links + 1) for _ in loading(chain)]
         return np.array(patterns)
 
     @cached_property
@@ -218,7 +248,9 @@ class Coefficients:
 
     @cached_property
     def mean_chordwise_forces(self) -> np.ndarray:
-        """Means of the chordwise force patterns over the length (patterns,)."""
+        """Means of the chordwise force patterns over the length, weighted by the compliance (patterns,)."""
+        if self.chain.p.segments:
+            return self.chordwise_force_patterns @ (self.chain.p.stiffness / self.chain.k) / self.chain.total_length
         return self.chordwise_force_patterns @ self.chain.length / self.chain.total_length
 
     @cached_property
@@ -226,7 +258,7 @@ class Coefficients:
         """Chordwise force patterns on links where N may be least: at the ends and beside point loads (patterns, candidates)."""
         candidates = {0, self.chain.links - 1}
         for load in self.chain.p.point_loads:
-            j = np.flatnonzero(_point_load_shares(self.chain, load.fraction)[1:-1])
+            j = np.flatnonzero(place_of(self.chain, load.fraction)[1:-1])
             candidates |= {int(link) for link in np.concatenate([j, j + 1])}
         return np.ascontiguousarray(self.chordwise_force_patterns[:, sorted(candidates)])
 
@@ -236,7 +268,15 @@ class Coefficients:
         products = np.einsum(
             "an,n,in,jn->aij", self.chordwise_force_patterns, self._slope_weights, self.slopes, self.slopes
         )
-        return products * self._same_set
+        products *= self._same_set
+        if len(self.attached_shapes):
+            products[-len(self.attached_shapes) :] = stiffness_of_springs(self)
+        return products
+
+    @cached_property
+    def attached_shapes(self) -> np.ndarray:
+        """Displacements of the attachments that are loads along their directions, for unit coordinates (loads, r) [kg^-1/2]."""
+        return shapes_of_loads(self)
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -279,6 +319,8 @@ class Coefficients:
             part = np.zeros_like(full)
             part[:, which] = full[:, which]
             parts.append(part)
+        if len(self.attached_shapes):
+            parts[0][-len(self.attached_shapes) :] = self.attached_shapes  # in and out of plane at once
         return np.concatenate(parts)
 
     @cached_property
@@ -312,11 +354,3 @@ def _check_independent(gram: np.ndarray) -> None:
     """Refuse modes whose mass products (r, r) show that some are sums of others."""
     if gram.size and not np.linalg.cond(gram) < MAX_MODE_CONDITION:
         raise SceneError("modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives")
-
-
-def _point_load_shares(chain: LumpedChain, fraction: float) -> np.ndarray:
-    """Return the shares of the particles in a point load (n + 1,), as in the chain."""
-    j, right = chain.lever(fraction)
-    shares = np.zeros(chain.links + 1)
-    shares[j], shares[j + 1] = 1.0 - right, right
-    return shares

@@ -63,6 +63,9 @@ class _UnitCable(NamedTuple):
     motions: bool
     point_loads: tuple[_PointLoad, ...]
     mass: float = 1.0
+    masses: None = None
+    segments: tuple[()] = ()
+    attachments: tuple[()] = ()
 
 
 class _PointLoad(NamedTuple):

@@ -160,7 +160,7 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
     if p.motions:
         ends = p.end_positions(np.arange(len(q)) * (stride * state.sample_interval / state.instants.steps_per_second))
     means = [array[None] for array in _means_of_shapes(model)]
-    square = largest_motions(q[None], None if ends is None else ends[None], p.mass * model.chain.total_length, *means)
+    square = largest_motions(q[None], None if ends is None else ends[None], model.root_total_mass**2, *means)
     largest, chord = math.sqrt(square[0]), chord_of(model)
     return largest if largest > 1e-9 * chord else chord
 
@@ -227,7 +227,7 @@ def _means_of_shapes(model: CondensedModel) -> tuple[np.ndarray, np.ndarray, np.
 
     The first is that with 1 - sigma, which moves with the lower end, the second that with sigma.  Normals are those at the start.
     """
-    chain, mass = model.chain, model.chain.p.mass * model.chain.total_length
+    chain, mass = model.chain, model.root_total_mass**2
     ends = chain.p.initial_ends
     normals = ChordFrame.of((ends[1] - ends[0])[None], model.reference).normals[0]
     weighted = model.shapes * model.mass

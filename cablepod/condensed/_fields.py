@@ -108,7 +108,8 @@ def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarr
     tau = boundary_data[:, 1 : 1 + len(patterns)] @ patterns
     if model.order == "leading":
         reduced = squared * model.slope_factor
-        chord_tension, stretch = close_leading(reduced, tau, chain.length, chord, chain.p.stiffness)
+        compliance = chain.p.stiffness / chain.axial_stiffness if chain.p.segments else None
+        chord_tension, stretch = close_leading(reduced, tau, chain.length, chord, chain.p.stiffness, compliance)
     else:
         from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
 
@@ -152,7 +153,12 @@ def deflections(
 
 
 def close_leading(
-    squared: np.ndarray, tau: np.ndarray, length: np.ndarray, chord: np.ndarray, stiffness: float | np.ndarray
+    squared: np.ndarray,
+    tau: np.ndarray,
+    length: np.ndarray,
+    chord: np.ndarray,
+    stiffness: float | np.ndarray,
+    compliance: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Close the chord to leading order: zeta' = 1 + (H + tau) / K - w'^2 / 2, whose integral is the chord.
 
@@ -163,7 +169,10 @@ def close_leading(
     squared, tau
         Squared slopes, and chordwise forces of the loads [N] (times, n).
     length, chord, stiffness
-        Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K, a number or (1,) [N].
+        Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K, a number or (1,) [N]; of
+        a cable of several segments that under one tension.
+    compliance
+        That stiffness over the one of each link (n,); None where the cable has one stiffness.
 
     Returns
     -------
@@ -172,8 +181,11 @@ def close_leading(
     """
     total = length.sum(axis=-1, keepdims=True)
     share = (length / total)[..., None]
-    chord_tension = stiffness * (chord / total - 1.0 + 0.5 * (squared @ share)[..., 0]) - (tau @ share)[..., 0]
+    chord_tension = stiffness * (chord / total - 1.0 + 0.5 * (squared @ share)[..., 0])
+    chord_tension = chord_tension - (tau @ (share if compliance is None else share * compliance[:, None]))[..., 0]
     stretch = (chord_tension[..., None] + tau) / np.asarray(stiffness)[..., None]
+    if compliance is not None:
+        stretch *= compliance
     stretch -= 0.5 * squared
     stretch += 1.0
     return chord_tension, stretch
@@ -237,7 +249,9 @@ def _stretch_derivatives(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return derivatives of the chordwise stretch (times, n) by N / K, and by minus half the squared slope."""
     if model.order == "leading":
-        return np.ones_like(stretch), np.broadcast_to(model.slope_factor, stretch.shape)
+        chain = model.chain
+        compliance = chain.p.stiffness / chain.axial_stiffness if chain.p.segments else np.ones(chain.links)
+        return compliance, np.broadcast_to(model.slope_factor, stretch.shape)
     if model.green:
         tangent = 3.0 * stretch * stretch + squared - 1.0
         return 2.0 / tangent, 2.0 * stretch / tangent

@@ -7,7 +7,7 @@ The schemes know no physics: terms are in :mod:`cablepod.condensed._kernels_term
 from __future__ import annotations
 
 from cablepod._jit import FUSED, compiled
-from cablepod.condensed._kernels_rates import _add_held_drag, _add_rate_forces
+from cablepod.condensed._kernels_rates import _add_held_drag, _add_rate_forces, _apply_dampers
 from cablepod.condensed._kernels_recorder import _monitor_step, _update_extremes
 from cablepod.condensed._kernels_terms import _forces
 
@@ -184,6 +184,10 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
             for m in range(lanes):
                 k = j * lanes + m
                 v[k] = damped.decay[m] * v[k] + damped.impulse[m] * f[k]
+        if rate_terms is not None:
+            for k in range(n):
+                u[k] = before[k]
+            _apply_dampers(rate_terms, v, u, work)
         if number == next_output:
             if record.half_step_rates.size:
                 for k in range(n):

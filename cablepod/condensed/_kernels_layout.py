@@ -76,11 +76,18 @@ class LeadingTerms(NamedTuple):
     )  #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
 
 
+#: Array without entries, which stands for an absent term.
+NOTHING = np.empty(0)
+
+
 class RateTerms(NamedTuple):
     """Damping beside that by mass."""
 
     tension_damping: float  #: damping by the tension [s]; 0 without
     modal_damping: np.ndarray  #: damping matrix of ratios about rest (r r,) [1/s]; without entries: none
+    #: velocity Verlet: part of the sum of the rates before and after a step that attached dampers take away (r r,); without
+    #: entries: none
+    dampers: np.ndarray = NOTHING
 
 
 class RunAir(NamedTuple):

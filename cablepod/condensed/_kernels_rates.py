@@ -29,6 +29,32 @@ def _subtract_modal_damping(matrix, u, f):
             f[j] -= matrix[j * r + k] * u[k]
 
 
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _apply_dampers(rate_terms, v, u, work):
+    """Take the effect of attached dampers off the rates v (r,) half a step after; u and `work` (r,) are overwritten.
+
+    With C acting on the mean of the rates before and after, (1 + h C / 2) v = (1 - h C / 2) u + what other forces add.  So a
+    damper has no limit of the step: v loses W (v + u), W = (1 + h C / 2)^-1 h C / 2.
+
+    Parameters
+    ----------
+    rate_terms
+        With W in `dampers`.
+    v, u
+        Rates after the step without dampers, and before it.
+    """
+    r = v.size
+    if rate_terms.dampers.size:
+        for j in range(r):
+            u[j] += v[j]
+        for j in range(r):
+            work[j] = 0.0
+            for k in range(r):
+                work[j] += rate_terms.dampers[j * r + k] * u[k]
+        for j in range(r):
+            v[j] -= work[j]
+
+
 @compiled(forceinline=True, counted=False)
 def _add_held_drag(air, q, u, stretch, exact, number, step, f):
     """Add the drag of the wind to the accelerations f (r,) in a step, evaluated or held; nothing in still air.

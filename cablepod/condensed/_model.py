@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
+from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
@@ -29,13 +29,19 @@ class CondensedModel(Coefficients):
     """Condensed model of a cable: quasi-static along the chord, modes for the deflection normal to it.
 
     Boundary data of an instant: chord length [m], loads along the chord and loads along each normal, one per pattern [N/m]
-    (point loads [N]); see :func:`cablepod.condensed._frame.chord_and_loads`.
+    (point loads [N]); see :func:`cablepod.condensed._frame.chord_and_loads`.  Dampers and springs are loads too, see
+    :mod:`cablepod.condensed._attached`.
     """
+
+    #: Coordinates in which the springs have no force (r,), where that is not in still air
+    spring_rest: np.ndarray | None = None
 
     def boundary_data(self, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
         """Return the boundary data of the steps `begin` ... `begin + steps`, both included."""
-        tables = end_tables(self.chain.p, begin, steps, steps_per_second)
-        return self._project_loads(*tables, begin, steps, steps_per_second)
+        p = self.chain.p
+        tables = end_tables(p, begin, steps, steps_per_second)
+        velocities = end_velocities(p, begin, steps, steps_per_second) if loading(self.chain) else None
+        return self._project_loads(*tables, begin, steps, steps_per_second, velocities)
 
     def boundary_data_at(self, times: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
         """Return the boundary data at any instants [s]; `ends` are the positions of the ends there, computed if None."""
@@ -46,34 +52,79 @@ class CondensedModel(Coefficients):
             if p.mass_damping:  # damping acts on the motion of the chord frame too
                 accelerations += p.mass_damping * p.end_positions(times, 1)
         ends, accelerations = (np.ascontiguousarray(array.reshape(-1, 2 * p.dims).T) for array in (ends, accelerations))
-        return self._project_loads(ends, accelerations, times, 0, 0.0)
+        velocities = None
+        if loading(self.chain) and p.motions:
+            velocities = p.end_positions(times, 1).reshape(-1, 2 * p.dims).T
+        return self._project_loads(ends, accelerations, times, 0, 0.0, velocities)
 
     def _project_loads(
-        self, ends: np.ndarray, accelerations: np.ndarray, begin: Any, steps: int, steps_per_second: float
+        self,
+        ends: np.ndarray,
+        accelerations: np.ndarray,
+        begin: Any,
+        steps: int,
+        steps_per_second: float,
+        velocities: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return the boundary data for ends [m] and their accelerations [m/s^2], (2 dims, instants) each.
 
-        The instants are the steps `begin` ... `begin + steps`, or, with 0 steps per second, the times `begin` [s].
+        The instants are the steps `begin` ... `begin + steps`, or, with 0 steps per second, the times `begin` [s].  `velocities`
+        are those of the ends (2 dims, instants) [m/s], which dampers need; None for ends at rest.
         """
         p = self.chain.p
 
         def factor(function: Any) -> np.ndarray:
             return function.at_steps(begin, steps, steps_per_second) if steps_per_second else function(begin)
 
-        load = p.weight[:, None] if p.load is None else (p.weight + p.load)[:, None]
-        if p.load is not None and p.load_factor is not None:
-            load = p.weight[:, None] + p.load[:, None] * factor(p.load_factor)
         points = [
             point.force[:, None] * (np.ones(1) if point.factor is None else factor(point.factor))
             for point in p.point_loads
         ]
+        load = p.weight[:, None] if p.load is None else (p.weight + p.load)[:, None]
+        if p.load is not None and p.load_factor is not None:
+            load = p.weight[:, None] + p.load[:, None] * factor(p.load_factor)
+        if p.load is not None and not self.is_uniform:  # not in proportion to the mass
+            points, load = [load - p.weight[:, None], *points], p.weight[:, None]
         instants = ends.shape[1]
+        attached = self._attached_loads(ends, velocities)
         if not accelerations.shape[1] and all(
             values.shape[1] == 1 for values in (load, *points)
         ):  # the same at all instants
-            ends = ends[:, :1].copy()
+            ends, attached = ends[:, :1].copy(), attached[:, :, :1]
         rows = chord_and_loads(ends, accelerations, load, p.mass, self.reference, points)
+        if attached.shape[1]:
+            others = rows[:, 1:].reshape(len(rows), p.dims, -1)
+            loads = np.concatenate([others, attached.transpose(2, 0, 1)], axis=2)
+            rows = np.ascontiguousarray(np.concatenate([rows[:, :1], loads.reshape(len(rows), -1)], axis=1))
         return rows if len(rows) == instants else np.repeat(rows, instants, axis=0)
+
+    def _attached_loads(self, ends: np.ndarray, velocities: np.ndarray | None) -> np.ndarray:
+        """Return the loads of dampers and springs along the chord and each normal (dims, loads, instants)."""
+        p, count = self.chain.p, len(loading(self.chain))
+        result = np.zeros((p.dims, count, ends.shape[1]))
+        if count:
+            velocities = np.empty((0, 0)) if velocities is None else velocities
+            result[0], result[1] = forces_of_line(self, ends, velocities, self.rest_of_springs)
+        return result
+
+    @cached_property
+    def rest_of_springs(self) -> np.ndarray:
+        """Coordinates in which the springs have no force (r,): those at rest without them."""
+        if self.spring_rest is not None:
+            return self.spring_rest
+        return self.without_springs.rest if self.has_springs else np.zeros(len(self.shapes))
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether there are springs to the ground."""
+        return any(attachment.spring for attachment in self.chain.p.attachments)
+
+    @property
+    def without_springs(self) -> CondensedModel:
+        """The same model without the springs to the ground."""
+        p = self.chain.p
+        attachments = tuple(replace(attachment, spring=0.0) for attachment in p.attachments)
+        return replace(self, chain=replace(self.chain, p=replace(p, attachments=attachments)))
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, times, particle) [m] onto the coordinates (times, r)."""
@@ -143,7 +194,13 @@ class CondensedModel(Coefficients):
     def first_guess(self) -> np.ndarray | None:
         """Coordinates of the parabola that approximates the equilibrium; None with point loads or a given initial shape."""
         p = self.chain.p
-        if p.initial or p.point_loads:
+        if p.initial:
+            return None
+        if not self.is_uniform:
+            return self.coordinates(
+                np.cumsum(np.pad(self.rest_slopes * self.chain.length, ((0, 0), (1, 0))), axis=1)[:, None]
+            )[0]
+        if p.point_loads:
             return None
         boundary_data, sigma = self.static_boundary_data, self.chain.arc_length / self.chain.total_length
         transverse = boundary_data[
@@ -172,6 +229,11 @@ class CondensedModel(Coefficients):
         return modal_damping(
             self.chain.p.damping_ratios, stiffness, mass if self.inertia.size else np.ones(len(stiffness))
         )
+
+    @cached_property
+    def damper_matrix(self) -> np.ndarray:
+        """Damping matrix of the attached dampers (r, r) [1/s]; without entries: none."""
+        return damping_of_dampers(self) if self.chain.p.attachments else np.empty((0, 0))
 
     @cached_property
     def rest(self) -> np.ndarray:
@@ -228,7 +290,7 @@ class CondensedModel(Coefficients):
         ends, (rates, accelerations) = p.initial_ends.reshape(-1, 1), p.initial_end_rates.reshape(2, -1, 1)
         if p.mass_damping:
             accelerations = accelerations + p.mass_damping * rates
-        return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0)[0]
+        return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0, rates)[0]
 
     @cached_property
     def static_boundary_data(self) -> np.ndarray:
@@ -297,12 +359,6 @@ class CondensedModel(Coefficients):
         chord_tension = self.chain.p.stiffness * max(longest / self.chain.total_length - 1.0, 0.0)
         return chord_tension * float(self.slope_norms_squared.max())
 
-    @cached_property
-    def rest_tension(self) -> float:
-        """Mean of the tensions of both ends at rest [N]."""
-        statics = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
-        return 0.5 * float(statics[4] + statics[5])
-
 
 def largest_frequencies_squared(
     kappa: np.ndarray,
@@ -348,3 +404,12 @@ def end_tables(p: Parameters, begin: int, steps: int, steps_per_second: float) -
         ends[row] = tables[0]
         accelerations[row] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
     return ends, accelerations
+
+
+def end_velocities(p: Parameters, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
+    """Return the velocities of both ends from step `begin` on (2 dims, steps + 1) [m/s]; no columns where no end moves."""
+    velocities = np.zeros((2 * p.dims, steps + 1 if p.motions else 0))
+    for (end, axis), function in p.motions.items():
+        row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+        velocities[row] = function.at_steps(begin, steps, steps_per_second, 1)
+    return velocities

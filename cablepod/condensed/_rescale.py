@@ -42,6 +42,7 @@ class ModeStructure:
         """Make the structure of a scene on modes; `options` are order, law and quadrature."""
         content = tuple((array.shape, array.tobytes()) for array in (sigma, *modes))
         loads = (p.dims, bool(p.motions), tuple(load.fraction for load in p.point_loads))
+        loads += (bool(p.segments or p.attachments),)  # whose models are no multiples of a unit model
         return cls(sigma, modes, p, *options, (content, loads))
 
 
@@ -186,6 +187,8 @@ def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     chain = LumpedChain(p, arc_length[1:] - arc_length[:-1], arc_length, unit.chain.law)
     result = replace(unit, chain=chain)
     result.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
+    if not result.is_uniform:
+        return result  # computed from the modes
     states = None
     if result.reference_state is not None:
         if p.point_loads:
@@ -211,4 +214,5 @@ def same_structure(p: Parameters, other: Parameters) -> bool:
         and (p.damping_ratios is None) == (other.damping_ratios is None)
         and list(p.motions) == list(other.motions)
         and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
+        and (p.segments, p.attachments) == (other.segments, other.attachments) == ((), ())
     )

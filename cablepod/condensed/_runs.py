@@ -35,6 +35,7 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 from cablepod.integrate._window import ExtremesWindow
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.wind._air import air_of
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
@@ -102,13 +103,18 @@ def solve(
     times = request.instants(p)
     check_memory(times.size, model.chain.links, p.dims, key="times", variables=3)
     cable_air = air_of(p, float(times[-1]), request.wind)
+    if cable_air is not None:
+        refuse_nonuniform(p, "chain.simulate")
+    if cable_air is not None and model.has_springs:  # without force at rest in the mean wind
+        unsprung = CondensedAir(model.without_springs, cable_air, float(times[-1]))
+        model = replace(model, spring_rest=unsprung.in_mean_wind.rest)
     air = None if cable_air is None else CondensedAir(model, cable_air, float(times[-1]))
     state_at_start = initial_state(model, air)
     omega_squared = model.omega_max_squared(state_at_start.q, model.initial_boundary_data, state_at_start.chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
     fits = step is None and request.given_tolerance is None
-    estimates = "error_estimate" in request.outputs
+    estimates = "error_estimate" in request.outputs and model.is_uniform
     has_rates = p.tension_damping is not None or air is not None
     scheme = _scheme_of(model, scheme, limit, step, fits=fits, has_rates=has_rates)
     start, end_time = state_at_start, float(times[-1])
@@ -178,7 +184,7 @@ def _scheme_of(
     `fits` is whether the run chooses step and tolerance; `has_rates`, whether forces depend on the rates beyond the damping by
     mass or by ratios, which velocity Verlet alone contains.
     """
-    has_ratios = model.chain.p.damping_ratios is not None
+    has_ratios, has_dampers = model.chain.p.damping_ratios is not None, model.damper_matrix.size > 0
     if scheme is not None:
         if scheme not in SCHEMES_OF[model.order]:
             names = ", ".join(f'"{name}"' for name in SCHEMES_OF[model.order])
@@ -189,6 +195,8 @@ def _scheme_of(
             raise scene_error(
                 "scheme", scheme, f'"{SCHEMES[0]}" or "{SCHEMES[1]}" with damping.ratio or damping.ratios'
             )
+        if has_dampers and scheme == FOURTH_ORDER:
+            raise scene_error("scheme", scheme, f'"{SCHEMES[0]}" or "{SCHEMES[1]}" with a damper')
         return scheme
     if has_rates:
         return SCHEMES[0]
@@ -196,7 +204,7 @@ def _scheme_of(
     taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
     resolves_damping = 0.25 * model.chain.p.damping**2 <= omega_squared  # Numerov's step would have to
     is_fine = limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut)
-    if fits and model.order == "leading" and is_fine and resolves_damping and not has_ratios:
+    if fits and model.order == "leading" and is_fine and resolves_damping and not (has_ratios or has_dampers):
         return FOURTH_ORDER
     explicit = limit >= IMPLICIT_THRESHOLD * 2.0 / math.sqrt(taut)
     return SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
@@ -209,7 +217,7 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
     estimate, and a third one only changes its time error.
     """
     model, end_time, scale = run.model, float(run.times[-1]), 1.0
-    error, root_mass = 0.0, math.sqrt(model.chain.p.mass * model.chain.total_length)
+    error, root_mass = 0.0, model.root_total_mass
     run = replace(run, boundary_data=BoundaryDataOfTwo(model, steps_per_second))
     runs_done = 0
 
@@ -223,6 +231,8 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
         nonlocal error, scale
         if end_time > 0.0:
             scale = motion_of(model, state)
+            if not model.is_uniform:
+                return DEFAULT_TOLERANCE
             error = estimate(model, state, scale, run.air)
         return min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
 

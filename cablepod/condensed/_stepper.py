@@ -97,6 +97,9 @@ class CondensedStepper:
         links = model.chain.length[chosen].size
         self.low, self.high = np.full(links, np.inf), np.full(links, -np.inf)
         self.modal_damping = model.damping_matrix.reshape(-1)  #: flat, without entries where there is none
+        dampers = model.damper_matrix
+        if run.scheme not in EXPLICIT and dampers.size:  # implicit steps solve for all rates alike
+            self.modal_damping = (self.modal_damping if self.modal_damping.size else 0.0) + dampers.reshape(-1)
         #: Coordinates, rates and damped accelerations (3, r); an explicit run to leading order has a state of its own.
         self.state = self._initial_state()
         before = 3.0 * self.state[1] - 2.0 * run.start.rates  # the prediction at the start gives the rates there
@@ -126,9 +129,10 @@ class CondensedStepper:
     def _initial_state(self) -> np.ndarray:
         """Return coordinates, rates (velocity Verlet: half a step before the start) and damped accelerations (3, r)."""
         start, damping = self.run.start, self.run.model.chain.p.damping
-        rates, model, matrix = start.rates, self.run.model, self.run.model.damping_matrix
-        acceleration = start.acceleration
-        if matrix.size and rates.any():
+        rates, model, acceleration = start.rates, self.run.model, start.acceleration
+        for matrix in (model.damping_matrix, model.damper_matrix):
+            if not (matrix.size and rates.any()):
+                continue
             damped = matrix @ rates
             acceleration = acceleration - (
                 model.accelerations(damped, start.q, rates) if model.inertia.size else damped
@@ -142,9 +146,12 @@ class CondensedStepper:
     def _terms_of_rates(self) -> tuple[RateTerms | None, RunAir | None]:
         """Return damping beside that by mass, and air; None where there is neither."""
         run, damping, matrix = self.run, self.run.model.chain.p.tension_damping, self.modal_damping
-        if damping is None and run.air is None and not matrix.size:
+        dampers = run.model.damper_matrix
+        if damping is None and run.air is None and not matrix.size and not dampers.size:
             return None, None
-        terms, air = RateTerms(damping or 0.0, matrix), None
+        half = 0.5 * self.step * dampers
+        of_step = np.linalg.solve(np.eye(len(half)) + half, half).reshape(-1)
+        terms, air = RateTerms(damping or 0.0, matrix, of_step), None
         if run.air is not None:
             hold = run.air.hold(run.start.chord_tension, self.step) if run.leading else 1
             velocity, rate, drag, shapes = run.air.arguments

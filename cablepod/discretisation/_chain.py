@@ -121,7 +121,7 @@ class LumpedChain:
             result = lumped(self.arc_length, self._borders, self._of_segments(name))
         else:
             result = np.multiply.outer(self.tributary_length, np.asarray(getattr(p, name)))
-        for attachment, fraction in zip(p.attachments, self._fractions, strict=True):
+        for attachment, fraction in zip(p.attachments, self.attached_fractions, strict=True):
             j, weight = self.lever(fraction)
             result[j] += (1.0 - weight) * getattr(attachment, name)
             result[j + 1] += weight * getattr(attachment, name)
@@ -130,10 +130,10 @@ class LumpedChain:
     @cached_property
     def attached_particles(self) -> np.ndarray:
         """Particles at the attachments, in their order (attachments,)."""
-        return nearest_particles(self.arc_length, np.array(self._fractions))
+        return nearest_particles(self.arc_length, np.array(self.attached_fractions))
 
     @property
-    def _fractions(self) -> list[float]:
+    def attached_fractions(self) -> list[float]:
         """Places of the attachments as fractions of the length (attachments,)."""
         length = self.total_length if self.scene_length is None else self.scene_length
         return [attachment.fraction(length) for attachment in self.p.attachments]

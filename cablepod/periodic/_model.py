@@ -13,8 +13,8 @@ from cablepod.condensed._assembly import unit_of
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model
+from cablepod.condensed._rest_tangent import RestTangent, vibrations
 from cablepod.condensed._terms import terms_of_lane
-from cablepod.condensed._vibration import RestTangent, vibrations
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import RunStopped, SceneError, scene_error

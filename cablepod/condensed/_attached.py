@@ -1,0 +1,114 @@
+"""Dampers and springs of attachments in the condensed model: their shapes, stiffness, damping and loads.
+
+An attachment moves by u = psi q along its direction d, beside the line between the ends: psi = (d.n) phi(S_d) + (d.e) eta(S_d),
+where eta is the chordwise motion of the place that belongs to the deflection phi, by the slopes at rest.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cablepod.discretisation._chain import LumpedChain
+from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.parameters._parameters import Attachment, Parameters
+
+if TYPE_CHECKING:
+    from cablepod.condensed._coefficients import Coefficients
+
+
+def has_load(p: Parameters, attachment: Attachment) -> bool:
+    """Whether an attachment is a load of the coordinates: a spring, or a damper between ends that move."""
+    return bool(attachment.spring or (attachment.damper and p.motions))
+
+
+def loading(chain: LumpedChain) -> list[tuple[Attachment, float]]:
+    """Return the attachments that are loads, and their places as fractions of the length."""
+    pairs = zip(chain.p.attachments, chain.attached_fractions, strict=True)
+    return [(attachment, fraction) for attachment, fraction in pairs if has_load(chain.p, attachment)]
+
+
+def shape_along(model: Coefficients, attachment: Attachment, fraction: float) -> np.ndarray:
+    """Return psi (r,) [kg^-1/2], by which an attachment moves along its direction for unit coordinates."""
+    chain, place = model.chain, place_of(model.chain, fraction)
+    frame, d = ChordFrame.of(np.diff(chain.p.initial_ends, axis=0), model.reference), np.asarray(attachment.direction)
+    psi = np.zeros(len(model.shapes))
+    for which, normal, slope in zip(model.sets, frame.normals[0], model.rest_slopes, strict=True):
+        shortening = slope * model.slopes[which] * chain.length
+        psi[which] = (d @ normal) * (model.shapes[which] @ place)
+        psi[which] += (d @ frame.along[0]) * chordwise_motion(chain, shortening, place)
+    return psi
+
+
+def place_of(chain: LumpedChain, fraction: float) -> np.ndarray:
+    """Return the shares of the particles in a place, by the lever rule (n + 1,)."""
+    j, right = chain.lever(fraction)
+    shares = np.zeros(chain.links + 1)
+    shares[j], shares[j + 1] = 1.0 - right, right
+    return shares
+
+
+def chordwise_motion(chain: LumpedChain, shortening: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the motion of a place along the chord (...) [m] by links that shorten (..., n) [m] between held ends.
+
+    The change of H, which keeps the distance of the ends, lengthens each link by its compliance.
+    """
+    share = 1.0 / chain.k
+    lengthening = shortening.sum(axis=-1, keepdims=True) * (share / share.sum()) - shortening
+    return np.asarray(np.cumsum(lengthening, axis=-1) @ place[1:])
+
+
+def shapes_of_loads(model: Coefficients) -> np.ndarray:
+    """Return psi of the attachments that are loads (loads, r) [kg^-1/2]."""
+    rows = [shape_along(model, *pair) for pair in loading(model.chain)]
+    return np.array(rows).reshape(len(rows), len(model.shapes))
+
+
+def stiffness_of_springs(model: Coefficients) -> np.ndarray:
+    """Return the stiffness matrix of each attachment that is a load (loads, r, r) [1/s^2]."""
+    springs = np.array([attachment.spring for attachment, _ in loading(model.chain)])
+    return np.einsum("a,ai,aj->aij", springs, model.attached_shapes, model.attached_shapes)
+
+
+def damping_of_dampers(model: Coefficients) -> np.ndarray:
+    """Return the damping matrix of all dampers (r, r) [1/s]; without entries: none."""
+    chain, matrix = model.chain, np.zeros((len(model.shapes), len(model.shapes)))
+    for attachment, fraction in zip(chain.p.attachments, chain.attached_fractions, strict=True):
+        if attachment.damper:
+            psi = shape_along(model, attachment, fraction)
+            matrix += attachment.damper * np.outer(psi, psi)
+    return matrix if matrix.any() else np.empty((0, 0))
+
+
+def forces_of_line(
+    model: Coefficients, ends: np.ndarray, velocities: np.ndarray, rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the boundary data of the attachments that are loads.
+
+    Parameters
+    ----------
+    model
+        Model, whose rest is at the initial positions of the ends.
+    ends, velocities
+        Positions [m] and velocities [m/s] of the ends, all coordinates of the lower one first (2 dims, instants); no columns of
+        velocities where no end moves.
+    rest
+        Coordinates in which the springs have no force (r,).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Factors of their stiffness, ones (loads, instants), and forces along their shapes (loads, instants) [N]: those of springs
+        on the line between the ends, at the coordinates of rest, and of dampers on its velocity.
+    """
+    p, pairs = model.chain.p, loading(model.chain)
+    moved = ends - p.initial_ends.reshape(-1, 1)
+    forces = np.zeros((len(pairs), ends.shape[1]))
+    for force, psi, (attachment, fraction) in zip(forces, model.attached_shapes, pairs, strict=True):
+        d = np.asarray(attachment.direction)
+        along = np.concatenate([(1.0 - fraction) * d, fraction * d])
+        force += attachment.spring * (psi @ rest - along @ moved)
+        if velocities.shape[1]:
+            force -= attachment.damper * (along @ velocities)
+    return np.ones_like(forces), forces

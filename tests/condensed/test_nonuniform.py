@@ -1,0 +1,320 @@
+"""The condensed model of cables with segments and attachments: closed forms of taut strings, chains of many links, refusals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.optimize import brentq
+from suite import slow
+
+import cablepod as cp
+
+#: A weightless taut string: distance of the ends [m], tension [N], mass per stretched length [kg/m], axial stiffness [N].
+LENGTH, TENSION, MASS, STIFFNESS = 100.0, 2e4, 1.0, 2e9
+UNSTRETCHED = LENGTH / (1.0 + TENSION / STIFFNESS)
+FIRST = math.pi / LENGTH * math.sqrt(TENSION / MASS)
+AREA = 1e-2
+DENSITY = MASS * LENGTH / UNSTRETCHED / AREA
+#: A sagging guy, both of whose ends move.
+GUY: dict[str, Any] = {
+    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+    "motion": {
+        "upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.07, "angular_frequency": 2.0}},
+        "lower": {"y": {"kind": "one_minus_cosine", "amplitude": -0.01, "angular_frequency": 1.3}},
+    },
+    "damping": {"mass_proportional": 0.2},
+    "time": {"duration": 6.0, "interval": 0.02},
+    "chain": {"links": 80},
+}
+PARTS = [{"to": 0.35}, {"from": 0.35, "youngs_modulus": 1.1e11, "area": 9e-5, "density": 7000.0}]
+
+pytestmark = pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning")  # a string of an area of 0.01 m2
+
+
+def string(links: int = 100, **tables: Any) -> Any:
+    """Make the string with further tables."""
+    cable = {"youngs_modulus": STIFFNESS / AREA, "area": AREA, "density": DENSITY, "unstretched_length": UNSTRETCHED}
+    ends = {"lower": [0.0, 0.0], "upper": [LENGTH, 0.0]}
+    return cp.make_scene({"gravity": 0.0, "cable": cable, "ends": ends, "chain": {"links": links}, **tables})
+
+
+def damper(place: float, eta: float, **keys: Any) -> dict[str, Any]:
+    """Return an attached damper of eta times sqrt(T m)."""
+    return {"arc_length": place, "damper": eta * math.sqrt(TENSION * MASS), "direction": "normal", **keys}
+
+
+def roots_between(function: Callable[[float], float], count: int) -> np.ndarray:
+    """Return the first roots of a function of beta l / pi."""
+    grid = np.linspace(0.01, count + 1.5, 3000)
+    values = np.array([function(place) for place in grid])
+    brackets = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    return np.array([brentq(function, grid[k], grid[k + 1], xtol=1e-14) for k in brackets[:count]])
+
+
+def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
+    """Return roots beta l of sin b l + i eta sin(b a) sin(b (l - a)) = 0, from those without damper by raising it in steps."""
+    roots = math.pi * np.arange(1, count + 1).astype(complex)
+    for value in np.linspace(0.0, eta, 800)[1:]:
+        for _ in range(8):
+            one, two = roots * place, roots * (1.0 - place)
+            misfit = np.sin(roots) + 1j * value * np.sin(one) * np.sin(two)
+            change = place * np.cos(one) * np.sin(two) + (1.0 - place) * np.sin(one) * np.cos(two)
+            roots = roots - misfit / (np.cos(roots) + 1j * value * change)
+    return roots
+
+
+def distance(model: Any, reference: Any) -> float:
+    """Return the largest rms distance of positions over the largest rms displacement of the reference."""
+
+    def largest(difference: Any) -> float:
+        return float(np.sqrt((difference**2).sum("coordinate").mean("particle")).max())
+
+    return largest(model.position - reference.position) / largest(reference.position - reference.position[0])
+
+
+# --- vibrations about rest --------------------------------------------------------------------------------------------
+
+
+def assert_second_order(scene_of: Callable[[int], Any], exact: np.ndarray, name: str, least: float) -> None:
+    """Check that the errors of the first vibrations with 50 and 100 links fall by four, to `least`."""
+    coarse, fine = (
+        cp.condensed.vibration_modes(scene_of(links), rank=exact.size)[name].values[: exact.size] / exact - 1.0
+        for links in (50, 100)
+    )
+    assert np.abs(fine).max() < least
+    assert fine == pytest.approx(coarse / 4.0, abs=0.05 * least)  # the next order, and zeros where a mass rests
+
+
+@pytest.mark.parametrize(("place", "ratio"), [(0.5, 1.0), (0.3, 0.2)])
+def test_frequencies_with_a_mass(place: float, ratio: float) -> None:
+    def misfit(n: float) -> float:
+        beta = n * math.pi
+        return math.sin(beta) - ratio * beta * math.sin(beta * place) * math.sin(beta * (1.0 - place))
+
+    exact = roots_between(misfit, 3)
+    if place == 0.5:
+        assert exact == pytest.approx([0.5477054, 2.0, 2.1808164], abs=1e-7)
+    attached = [{"arc_length": place, "mass": ratio * MASS * LENGTH}]
+    assert_second_order(lambda links: string(links, attachment=attached), exact * FIRST, "angular_frequency", 4e-4)
+
+
+def test_frequencies_of_two_parts() -> None:
+    place, ratio = 0.3, 4.0
+
+    def misfit(n: float) -> float:
+        first, second = n * math.pi * place, n * math.pi * (1.0 - place) * math.sqrt(ratio)
+        return math.cos(first) * math.sin(second) + math.sqrt(ratio) * math.sin(first) * math.cos(second)
+
+    parts = [{"to": place}, {"density": ratio * DENSITY}]
+    exact = roots_between(misfit, 3) * FIRST
+    # three links in ten lie in the first part, with a border at a particle
+    assert_second_order(lambda links: string(links, segment=parts), exact, "angular_frequency", 1e-3)
+
+
+def test_frequencies_with_a_spring() -> None:
+    place, spring = 0.2, 500.0
+
+    def misfit(n: float) -> float:
+        beta = n * math.pi
+        return beta * math.sin(beta) + spring * LENGTH / TENSION * math.sin(beta * place) * math.sin(
+            beta * (1.0 - place)
+        )
+
+    attached = [{"arc_length": place, "spring": spring, "direction": "normal"}]
+    exact = roots_between(misfit, 3) * FIRST
+    assert_second_order(lambda links: string(links, attachment=attached), exact, "angular_frequency", 4e-4)
+
+
+@pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.04, 0.3), (0.1, 3.0)])
+def test_damping_ratios(place: float, kappa: float) -> None:
+    eta = kappa / (math.pi * place)
+    roots = roots_with_damper(place, eta, 3)
+    if (place, kappa) == (0.02, 1.0):
+        assert roots[0].imag / abs(roots[0]) == pytest.approx(0.01021147, rel=1e-6)
+    attached = [damper(place, eta)]
+    exact = roots.imag / np.abs(roots)
+    assert_second_order(lambda links: string(links, attachment=attached), exact, "damping_ratio", 3e-3)
+    modes = cp.condensed.vibration_modes(string(attachment=attached), rank=3)
+    assert modes.angular_frequency.values[:3] == pytest.approx(np.abs(roots) / math.pi * FIRST, rel=1e-3)
+    assert modes.sizes["mode"] == 4
+    assert np.isnan(modes.damping_ratio.values[3])  # of the kink shape
+    # the complex shape is that of the continuous cable
+    cable = cp.cable.frequencies(string(attachment=attached), count=3, points=101, law="linear")
+    shape = modes.mode_shape_real.values[:3] + 1j * modes.mode_shape_imaginary.values[:3]
+    other = cable.mode_shape.values[:, :, 1] + 1j * cable.mode_shape_imaginary.values[:, :, 1]
+    product = np.abs((shape * np.conj(other)).sum(axis=1))
+    assert product == pytest.approx(np.linalg.norm(shape, axis=1) * np.linalg.norm(other, axis=1), rel=1e-4)
+
+
+def test_a_damper_at_the_node_of_the_second_mode_does_not_damp_it() -> None:
+    modes = cp.condensed.vibration_modes(string(attachment=[damper(0.5, 0.3)]), rank=3)
+    # odd modes: tan(b l / 2) = 2 i / eta, so that Im(b l) = 2 artanh(eta / 2) for all of them
+    decay = 2.0 * math.atanh(0.15)
+    exact = decay / np.hypot(decay, math.pi * np.array([1.0, 3.0]))
+    assert modes.damping_ratio.values[1] < 1e-12
+    assert modes.damping_ratio.values[[0, 2]] == pytest.approx(exact, rel=2e-3)
+
+
+def test_kink_shapes_stand_after_the_modes() -> None:
+    things = [damper(0.1, 1.0), {"arc_length": 0.4, "mass": 20.0}, {"arc_length": 0.7, "mass": 1e-3}]
+    modes = cp.condensed.vibration_modes(string(attachment=things), rank=4)
+    assert modes.sizes["mode"] == 4 + 2  # none of the light mass
+    weights = modes.particle_mass.values
+    shapes = modes.mode_shape.values
+    gram = (shapes * weights) @ shapes.T
+    assert gram == pytest.approx(np.diag(np.diag(gram)), abs=1e-9 * gram.max())
+    # with the modes they hold the triangle of a force on the damper
+    sigma = modes.arc_length.values / modes.arc_length.values[-1]
+    triangle = np.minimum(sigma / 0.1, (1.0 - sigma) / 0.9)
+    left = triangle - np.linalg.lstsq(shapes.T, triangle, rcond=None)[0] @ shapes
+    assert np.abs(left).max() < 1e-6
+    # without the kink shapes a part of it is left
+    left = triangle - np.linalg.lstsq(shapes[:4].T, triangle, rcond=None)[0] @ shapes[:4]
+    assert np.abs(left).max() > 0.1
+
+
+# --- motion -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
+@pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.1, 3.0)])
+def test_decay_of_a_damped_stay(place: float, kappa: float, scheme: str) -> None:
+    eta = kappa / (math.pi * place)
+    attached = [damper(place, eta)]
+    root = roots_with_damper(place, eta, 1)[0]
+    ratio, omega = root.imag / abs(root), abs(root) / math.pi * FIRST
+    modes = cp.condensed.vibration_modes(string(attachment=attached), rank=6)
+    # released from half a sine of 0.1 m, whose higher modes decay before the second half of the run
+    sigma = np.linspace(0.0, 1.0, 101)
+    points = np.stack([LENGTH * sigma, 0.1 * np.sin(np.pi * sigma)], axis=1).tolist()
+    time = {"duration": 24.0, "interval": 0.02}
+    scene = string(attachment=attached, initial={"points": points}, time=time)
+    run = cp.condensed.simulate(scene, modes, scheme=scheme, tolerance=1e-5, outputs=("position",))
+    deflection = run.position.sel(coordinate="y").values[:, 50]
+    peaks = 1 + np.flatnonzero((deflection[1:-1] > deflection[:-2]) & (deflection[1:-1] > deflection[2:]))
+    curve = np.array([np.polyfit([-1.0, 0.0, 1.0], deflection[k - 1 : k + 2], 2) for k in peaks])
+    heights, times = curve[:, 2] - curve[:, 1] ** 2 / (4.0 * curve[:, 0]), run.time.values[peaks]
+    late = times > 8.0
+    rate = -np.polyfit(times[late], np.log(heights[late]), 1)[0]
+    assert late.sum() >= 10
+    assert rate == pytest.approx(ratio * omega, rel=0.01)
+
+
+@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
+def test_a_stiff_damper_holds_its_place(scheme: str) -> None:
+    # the damping of the basis over a step is above a thousand times the limit of an explicit rate
+    attached = [damper(0.2, 1e5)]
+    scene = cp.make_scene({**GUY, "attachment": attached, "time": {"duration": 2.0, "interval": 0.05}})
+    modes = cp.condensed.vibration_modes(scene, rank=8, static_modes=True)
+    run = cp.condensed.simulate(scene, modes, scheme=scheme, tolerance=1e-4, outputs=("position",))
+    normal = np.array([-57.7, 20.4]) / math.hypot(20.4, 57.7)
+    held = int(np.abs(modes.arc_length.values - 0.2 * modes.arc_length.values[-1]).argmin())
+    moved = (run.position - run.position[0]).values @ normal
+    assert np.abs(moved[:, held]).max() < 1e-3 * np.abs(moved).max()
+
+
+THINGS: dict[str, tuple[dict[str, Any], float]] = {
+    # rms distances that are allowed: twice that of the cable without any of them, which is 0.0007 (wave in the chain); directions
+    # that are not normal to the chord have forces along it, taken at the slopes of rest
+    "mass": ({"attachment": [{"arc_length": 0.3, "mass": 60.0}]}, 1.5e-3),
+    "segments": ({"segment": PARTS}, 1.5e-3),
+    "segments and load": (
+        {"segment": PARTS, "load": {"uniform": [3.0, 0.0], "kind": "harmonic", "amplitude": 0.5, "angular_frequency": 3.0}},
+        2e-3,
+    ),
+    "spring": ({"attachment": [{"arc_length": 0.3, "spring": 3000.0, "direction": "normal"}]}, 1.5e-3),
+    "damper": ({"attachment": [{"arc_length": 0.05, "damper": 1000.0, "direction": "normal"}]}, 1.5e-3),
+    "inclined": (
+        {"attachment": [{"arc_length": 0.1, "damper": 600.0, "spring": 800.0, "direction": [0.8, 0.6]}]},
+        8e-3,
+    ),
+    "all": (
+        {
+            "segment": PARTS,
+            "attachment": [
+                {"arc_length": 0.3, "mass": 20.0, "spring": 300.0, "direction": [1.0, 0.0]},
+                {"arc_length": 0.95, "damper": 500.0, "direction": "normal"},
+            ],
+        },
+        8e-3,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ["mass", slow("segments"), "segments and load", "spring", "damper", "inclined", "all"])
+def test_motion_is_that_of_the_chain(case: str) -> None:
+    tables, allowed = THINGS[case]
+    scene = cp.make_scene({**GUY, **tables})
+    chain = cp.chain.simulate(scene, outputs=("position", "tension"))
+    modes = cp.condensed.vibration_modes(scene, rank=12, static_modes=True)
+    run = cp.condensed.simulate(scene, modes, outputs=("position", "tension", "error_estimate"))
+    assert distance(run, chain) < allowed
+    assert float((run.tension - chain.tension).std() / chain.tension.std()) < 1.5 * allowed
+    plain = cp.condensed.simulate(cp.make_scene(GUY), modes)
+    assert distance(plain, chain) > 10.0 * allowed  # the table matters
+
+
+def test_pod_modes_of_a_cable_of_segments() -> None:
+    scene = cp.make_scene({**GUY, "segment": PARTS, "attachment": [{"arc_length": 0.5, "mass": 30.0}]})
+    chain = cp.chain.simulate(scene)
+    modes = cp.pod.decompose(chain, layout="normal", rank=6, weights="mass")
+    weights, shapes = modes.particle_mass.values, modes.mode_shape.values
+    gram = (shapes * weights) @ shapes.T
+    assert gram == pytest.approx(np.diag(np.diag(gram)), abs=1e-9 * gram.max())  # orthogonal in the masses
+    assert distance(cp.condensed.simulate(scene, modes), chain) < 2e-3
+
+
+def test_equal_segments_are_none() -> None:
+    modes = cp.condensed.vibration_modes(cp.make_scene(GUY), rank=4, static_modes=True)
+    equal = cp.make_scene({**GUY, "segment": [{"to": 0.35}, {"from": 0.35}]})
+    runs = [cp.condensed.simulate(scene, modes) for scene in (cp.make_scene(GUY), equal)]
+    assert distance(runs[1], runs[0]) < 1e-12
+    assert runs[1].attrs["error_estimate"] == pytest.approx(runs[0].attrs["error_estimate"], rel=1e-9)
+
+
+def test_members_of_different_places_and_sizes() -> None:
+    scenes = [
+        cp.make_scene({**GUY, "attachment": [{"arc_length": place, "mass": mass}]})
+        for place, mass in ((0.3, 60.0), (0.5, 20.0))
+    ]
+    modes = cp.condensed.vibration_modes(scenes[0], rank=10, static_modes=True)
+    stack = xr.concat(scenes, "member", data_vars="different", compat="equals")
+    runs = cp.condensed.simulate(stack, modes)
+    for k, scene in enumerate(scenes):
+        alone = cp.condensed.simulate(scene, modes)
+        assert np.abs(runs.position.values[k] - alone.position.values).max() < 1e-12 * 60.0
+
+
+# --- refusals ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tables", "options", "message"),
+    [
+        ({"segment": PARTS}, {"order": "exact"}, "^segment: given 2 different parts"),
+        ({"attachment": [{"arc_length": 0.3, "mass": 2.0}]}, {"order": "inertial"}, r"^attachment\.1: given"),
+        (
+            {"attachment": [{"arc_length": 0.3, "damper": 2.0, "direction": "normal"}]},
+            {"scheme": "numerov"},
+            "^scheme: given 'numerov'; allowed: .* with a damper",
+        ),
+        (
+            {
+                "attachment": [{"arc_length": 0.3, "spring": 2.0, "direction": "normal"}],
+                "damping": {"tension_proportional": 1e-3},
+            },
+            {},
+            r"^damping\.tension_proportional: given 0\.001; allowed: none beside a spring",
+        ),
+    ],
+)
+def test_refusals_name_the_key(tables: dict[str, Any], options: dict[str, Any], message: str) -> None:
+    modes = cp.condensed.vibration_modes(cp.make_scene(GUY), rank=2)
+    with pytest.raises(cp.SceneError, match=message):
+        cp.condensed.simulate(cp.make_scene({**GUY, **tables}), modes, **options)
