@@ -10,11 +10,20 @@ from typing import Any
 import numpy as np
 
 from cablepod.chain._start import refuse_rest_in_wind
-from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
+from cablepod.condensed._air_places import AirPlaces, filled_up, projection_matrix
+from cablepod.condensed._attached import BodyLoads
+from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.wind._air import CableAir, linear_between, refined
-from cablepod.wind._drag_rate import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
+from cablepod.wind._air import CableAir, density_of, refined
+from cablepod.wind._drag_rate import (
+    TENSION_MARGIN,
+    drag_rate,
+    drag_step_limit,
+    largest_speed,
+    longest_hold,
+    tension_by_drag,
+)
 
 #: Number of Gauss points along the cable beyond that of the modes of each deflection.
 EXTRA_POINTS = 2
@@ -31,48 +40,6 @@ MAX_HOLD, HOLD_OVER_PERIOD = 2, 0.14
 INCREMENT_RTOL = 0.03
 
 
-@lru_cache(16)
-def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes from -1 to 1 and weights of Gauss's rule."""
-    return np.polynomial.legendre.leggauss(count)
-
-
-@lru_cache(16)
-def _projection_matrix(count: int, of_air: bytes) -> np.ndarray:
-    """Return the matrix from values at points of the air to those at `count` Gauss points along the cable, filled up.
-
-    `of_air` are the bytes of the relative arc lengths of the points of the air, between which values are linear.
-    """
-    given, (inner, inner_weights) = np.frombuffer(of_air), _gauss(count)
-    nodes, weights = 0.5 * (1.0 + inner), 0.5 * inner_weights
-    places = np.unique(np.concatenate([[0.0, 1.0], np.clip(given, 0.0, 1.0)]))
-    width = np.diff(places)  # the rule is exact on each interval between two points
-    sigma = (places[:-1, None] + 0.5 * width[:, None] * (1.0 + inner)).ravel()
-    parts = (0.5 * width[:, None] * inner_weights).ravel()
-    lagrange = np.ones((count, sigma.size))
-    for g, node in enumerate(nodes):
-        for other in np.delete(nodes, g):
-            lagrange[g] *= (sigma - other) / (node - other)
-    hats = linear_between(given, np.eye(given.size)[:, :, None], sigma)[:, :, 0]
-    return filled_up((lagrange * parts) @ hats.T / weights[:, None])
-
-
-def filled_up(values: np.ndarray) -> np.ndarray:
-    """Return values at points (points, ...) with zeros at the points that the kernels take beyond them."""
-    missing = -len(values) % POINTS_IN_VECTOR
-    return np.concatenate([values, np.zeros((missing, *values.shape[1:]))])
-
-
-def interpolated(
-    model: CondensedModel, values: np.ndarray, sigma: np.ndarray, derivatives: tuple[int, ...] = (0,)
-) -> list[np.ndarray]:
-    """Interpolate values (r, particle), or derivatives of them by arc length, at relative arc lengths (points, r)."""
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(model.chain.arc_length, values, axis=1)
-    return [spline(sigma * model.chain.total_length, order).T for order in derivatives]
-
-
 @dataclass(frozen=True, eq=False)
 class CondensedAir:
     """Air along the cable of a condensed model until `end_time` [s]."""
@@ -83,16 +50,20 @@ class CondensedAir:
     points: int | None = None  #: number of Gauss points; two more than the modes of a deflection by default
 
     @cached_property
-    def rule(self) -> tuple[np.ndarray, np.ndarray]:
-        """Relative arc lengths and weights [m] of the Gauss points."""
+    def places(self) -> AirPlaces:
+        """Gauss points along the cable, and bodies, which are points without weight."""
         model = self.model
         count = max(model.n_in_plane, len(model.shapes) - model.n_in_plane) + EXTRA_POINTS
-        nodes, weights = _gauss(count if self.points is None else self.points)
-        return 0.5 * (1.0 + nodes), 0.5 * model.chain.total_length * weights
+        return AirPlaces.of(model, count if self.points is None else self.points, EXTRA_POINTS)
+
+    @cached_property
+    def rule(self) -> tuple[np.ndarray, np.ndarray]:
+        """Relative arc lengths and weights [m] of the points."""
+        return self.places.sigma, self.places.weights(self.model.chain.total_length)
 
     def at_points(self, values: np.ndarray, derivatives: tuple[int, ...] = (0,)) -> list[np.ndarray]:
-        """Interpolate values (r, particle), or derivatives of them by arc length, at the Gauss points (points, r)."""
-        return interpolated(self.model, values, self.rule[0], derivatives)
+        """Interpolate values (r, particle), or derivatives of them by arc length, at the points (points, r)."""
+        return self.places.interpolated(self.model, values, derivatives)
 
     @property
     def shapes(self) -> np.ndarray:
@@ -102,26 +73,37 @@ class CondensedAir:
     @property
     def shapes_of_kernel(self) -> np.ndarray:
         """Shapes and their slopes at the points, filled up (2, r, points)."""
-        return _shapes_at(self.model, self.rule[0].size)
+        return _shapes_at(self.model, self.places)
 
     @property
     def drag(self) -> np.ndarray:
         """Quadrature weights times half the density of the air, drag coefficient and diameter, filled up (points,) [kg/m]."""
-        return filled_up(self.air.drag * self.rule[1])
+        return filled_up(self.air.drag * self._drag_ratios * self.rule[1])
+
+    @property
+    def _drag_ratios(self) -> float | np.ndarray:
+        """Drag coefficient times diameter at the points over the mean of the cable; 1 where it is the same along the cable."""
+        p = self.model.chain.p
+        if self.model.chain.drag_ratio is None:
+            return 1.0
+        ends = [segment.end for segment in p.segments[:-1]]
+        widths = np.array([segment.drag_coefficient * (segment.diameter or 0.0) for segment in p.segments])
+        return widths[np.searchsorted(ends, self.rule[0])] / (p.drag_coefficient * p.diameter)
 
     @cached_property
-    def _projection(self) -> np.ndarray:
-        """Matrix from the velocity at the points of the air to that at the Gauss points, filled up.
-
-        Integrals of the velocity times polynomials of a degree below the number of Gauss points are kept.  Single values would
-        alias gusts that are shorter than the distance of these points.
-        """
-        return _projection_matrix(self.rule[0].size, self.air.sigma.tobytes())
+    def bodies(self) -> Bodies | None:
+        """Drag of bodies; None without any."""
+        p, count = self.model.chain.p, len(self.places.bodies)
+        if not count:
+            return None
+        areas = np.array([attachment.drag_area for attachment in p.attachments if attachment.drag_area])
+        points = np.arange(self.rule[0].size - count, self.rule[0].size)
+        return Bodies(points, 0.5 * density_of(p) * areas)
 
     @cached_property
     def _projected(self) -> np.ndarray:
         """Velocity of the air at the Gauss points, filled up (samples of the air, dims, points) [m/s]."""
-        return np.tensordot(self.air.velocity, self._projection, (1, 1))
+        return np.tensordot(self.air.velocity, projection_matrix(self.places, self.air.sigma.tobytes()), (1, 1))
 
     @property
     def _rate(self) -> float:
@@ -184,6 +166,19 @@ class CondensedAir:
         return _in_mean_wind(self.model, self.points, air.drag, air.sigma.tobytes(), air.mean.tobytes())
 
     @property
+    def body_loads(self) -> BodyLoads | None:
+        """Drag of bodies along the chord; None without any."""
+        if self.bodies is None:
+            return None
+        velocity, rate = self._sampled
+        mean = CondensedAir(self.model, self.air.steady, 0.0, self.points)._sampled[0][:1]
+        forces = []
+        for of_air in (velocity, mean):
+            u = of_air[:, :, self.bodies.points]
+            forces.append(self.bodies.drag * np.sqrt((u * u).sum(axis=1)) * u[:, 0])
+        return BodyLoads(self.places.bodies, forces[0], rate, forces[1][0])
+
+    @property
     def arguments(self) -> tuple[Any, ...]:
         """Arguments of the kernel: wind (samples, (1 + normals) points), samples per second, drag, shapes."""
         velocity, rate = self._sampled
@@ -199,15 +194,14 @@ class CondensedAir:
             stretch = model.initial_boundary_data[0] / model.chain.total_length
         else:
             stretch, exact = 1.0 + model.force(q, rates, model.initial_boundary_data)[2] / model.chain.p.stiffness, True
-        kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, shapes, model.n_in_plane, f)
+        kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, shapes, model.n_in_plane, self.bodies, f)
         return model.accelerations(f, q, rates) if model.inertia.size else f
 
     def hold(self, chord_tension: float, step: float) -> int:
         """Return the number of steps [s] from one evaluation of the drag to the next, for a chord tension [N] at the start."""
         chain = self.model.chain
-        by_drag = tension_by_drag(
-            chain.p, chord_tension, self.air.drag * self.air.largest_speed**2 * chain.total_length
-        )
+        area = self.air.drag * chain.total_length + (0.0 if self.bodies is None else float(self.bodies.drag.sum()))
+        by_drag = tension_by_drag(chain.p, chord_tension, area * self.air.largest_speed**2)
         tension = max(chord_tension, TENSION_MARGIN * by_drag, 1e-300)
         omega = math.sqrt(tension * float(self.model.slope_norms_squared.max()))
         longest = min(HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate))
@@ -216,7 +210,14 @@ class CondensedAir:
     @cached_property
     def rate(self) -> float:
         """Bound of the rate at which drag takes away a motion along the wind [1/s]."""
-        return drag_rate(self.model.chain.p, self.air, self.end_time)
+        model, p = self.model, self.model.chain.p
+        if model.is_uniform:
+            return drag_rate(p, self.air, self.end_time)
+        areas = self.drag
+        if self.bodies is not None:
+            areas[self.bodies.points] += self.bodies.drag
+        shapes = self.shapes_of_kernel[0]
+        return 2.0 * largest_speed(p, self.air, self.end_time) * float(np.linalg.norm((shapes * areas) @ shapes.T, 2))
 
     @property
     def step_limit(self) -> float:
@@ -279,7 +280,7 @@ def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma:
 
 
 @lru_cache(KEPT_MODELS)
-def _shapes_at(model: CondensedModel, count: int) -> np.ndarray:
-    """Return shapes and slopes at `count` Gauss points, filled up (2, r, points); kept with the model."""
-    found = interpolated(model, model.shapes, 0.5 * (1.0 + _gauss(count)[0]), (0, 1))
+def _shapes_at(model: CondensedModel, places: AirPlaces) -> np.ndarray:
+    """Return shapes and slopes at places, filled up (2, r, points); kept with the model."""
+    found = places.interpolated(model, model.shapes, (0, 1))
     return np.ascontiguousarray(np.stack([filled_up(values).T for values in found]))

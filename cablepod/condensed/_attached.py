@@ -1,4 +1,4 @@
-"""Dampers and springs of attachments in the condensed model: their shapes, stiffness, damping and loads.
+"""Attachments in the condensed model: shapes, stiffness, damping and loads of dampers and springs, drag of bodies on the chord.
 
 An attachment moves by u = psi q along its direction d, beside the line between the ends: psi = (d.n) phi(S_d) + (d.e) eta(S_d),
 where eta is the chordwise motion of the place that belongs to the deflection phi, by the slopes at rest.
@@ -6,6 +6,7 @@ where eta is the chordwise motion of the place that belongs to the deflection ph
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,23 @@ from cablepod.parameters._parameters import Attachment, Parameters
 
 if TYPE_CHECKING:
     from cablepod.condensed._coefficients import Coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class BodyLoads:
+    """Drag of bodies along the chord, where they move with the line between the ends."""
+
+    fractions: tuple[float, ...]  #: places as fractions of the length (bodies,)
+    force: np.ndarray  #: along the chord, linear between samples (samples, bodies) [N]
+    samples_per_second: float  #: from t = 0 on [1/s]
+    mean: np.ndarray  #: that of the equilibrium from which runs start (bodies,) [N]
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Return the forces at instants [s] (bodies, times) [N]."""
+        place = np.clip(times * self.samples_per_second, 0.0, len(self.force) - 1.0)
+        left = np.minimum(place.astype(int), len(self.force) - 2)
+        share = (place - left)[:, None]
+        return np.asarray(((1.0 - share) * self.force[left] + share * self.force[left + 1]).T)
 
 
 def has_load(p: Parameters, attachment: Attachment) -> bool:

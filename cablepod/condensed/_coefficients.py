@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cablepod.catenary._statics import solve_statics
-from cablepod.condensed._attached import loading, place_of, shapes_of_loads, stiffness_of_springs
+from cablepod.condensed._attached import BodyLoads, loading, place_of, shapes_of_loads, stiffness_of_springs
 from cablepod.condensed._reference_state import (
     INSTANTS,
     ReferenceState,
@@ -44,6 +44,7 @@ class Coefficients:
         np.ndarray, ...
     ]  #: modes of each set as given (mode, particle); sets: in plane, in space also out of plane
     quadrature: int | None = None  #: number of quadrature points of the chordwise stretch; None for the links
+    body_loads: BodyLoads | None = None  #: drag of bodies along the chord; None without
 
     @cached_property
     def green(self) -> bool:
@@ -237,6 +238,7 @@ class Coefficients:
         if not self.is_uniform and p.load is not None:
             patterns.append(chain.tributary_length)
         patterns += [place_of(chain, load.fraction) for load in p.point_loads]
+        patterns += [place_of(chain, fraction) for fraction in (self.body_loads.fractions if self.body_loads else ())]
         patterns += [np.zeros(chain.links + 1) for _ in loading(chain)]
         return np.array(patterns)
 

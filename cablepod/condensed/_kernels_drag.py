@@ -287,8 +287,48 @@ def _extrapolate_drag(weights, at_start, now, before, old, held):
         before[i] = now[i]
 
 
+@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION)
+def _add_body_drag(bodies, u, wind, place, points, shapes, n_in_plane, f):
+    """Add the drag of bodies across the chord to the accelerations f (r,): b |u| u, u the velocity of the air relative to them.
+
+    Along the chord they move with the line between the ends.
+
+    Parameters
+    ----------
+    bodies
+        See :class:`cablepod.condensed._kernels_layout.Bodies`; None without any.
+    points
+        Number of points of the air, filled up.
+    u, wind, place, shapes, n_in_plane
+        As in :func:`_add_drag_at`, with the shapes alone (r, points).
+    """
+    if bodies is None:
+        return
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    before, after, share, r = wind[sample], wind[sample + 1], place - sample, u.size
+    for b in range(bodies.points.size):
+        g = bodies.points[b]
+        along = before[g] + share * (after[g] - before[g])
+        k = points + g
+        normal, binormal = before[k] + share * (after[k] - before[k]), 0.0
+        for i in range(n_in_plane):
+            normal -= shapes[i, g] * u[i]
+        if before.size > 2 * points:
+            k = 2 * points + g
+            binormal = before[k] + share * (after[k] - before[k])
+            for i in range(n_in_plane, r):
+                binormal -= shapes[i, g] * u[i]
+        force = bodies.drag[b] * math.sqrt(along * along + normal * normal + binormal * binormal)
+        for i in range(n_in_plane):
+            f[i] += force * normal * shapes[i, g]
+        for i in range(n_in_plane, r):
+            f[i] += force * binormal * shapes[i, g]
+
+
 @compiled
-def drag_force(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, f):
-    """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag_at`."""
+def drag_force(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, bodies, f):
+    """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag_at` and :func:`_add_body_drag`."""
     f[:] = 0.0
     _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, np.empty(AIR_ROWS * drag.size), f)
+    _add_body_drag(bodies, u, wind, place, drag.size, shapes[0], n_in_plane, f)

@@ -90,6 +90,13 @@ class RateTerms(NamedTuple):
     dampers: np.ndarray = NOTHING
 
 
+class Bodies(NamedTuple):
+    """Bodies on the cable, at points of the air whose drag as parts of the cable is 0."""
+
+    points: np.ndarray  #: their numbers (bodies,)
+    drag: np.ndarray  #: half the density of the air times drag area (bodies,) [kg/m]
+
+
 class RunAir(NamedTuple):
     """Air along a cable, and how it is held over steps."""
 
@@ -101,6 +108,7 @@ class RunAir(NamedTuple):
     hold: int  #: number of steps from one evaluation of the drag to the next
     held: np.ndarray  #: accelerations by the drag until then, and at the last three evaluations (4, r); changed
     work: np.ndarray  #: work array (AIR_ROWS points,)
+    bodies: Any  #: Bodies, or None without any
 
 
 class Bounds(NamedTuple):

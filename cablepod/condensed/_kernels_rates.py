@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cablepod._jit import FUSED, compiled
-from cablepod.condensed._kernels_drag import _add_drag_at, _extrapolate_drag, _weights_of_drag
+from cablepod.condensed._kernels_drag import _add_body_drag, _add_drag_at, _extrapolate_drag, _weights_of_drag
 from cablepod.condensed._kernels_terms import _geometric_forces
 
 
@@ -66,12 +66,14 @@ def _add_held_drag(air, q, u, stretch, exact, number, step, f):
     place = number * step * air.samples_per_second
     if air.hold == 1:
         _add_drag_at(q, u, stretch, exact, air.velocity, place, air.drag, air.shapes, air.in_plane, air.work, f)
+        _add_body_drag(air.bodies, u, air.velocity, place, air.drag.size, air.shapes[0], air.in_plane, f)
         return
     held, now, before, old = air.held[0], air.held[1], air.held[2], air.held[3]
     if number % air.hold == 0:
         for j in range(now.size):
             now[j] = 0.0
         _add_drag_at(q, u, stretch, exact, air.velocity, place, air.drag, air.shapes, air.in_plane, air.work, now)
+        _add_body_drag(air.bodies, u, air.velocity, place, air.drag.size, air.shapes[0], air.in_plane, now)
         _extrapolate_drag(_weights_of_drag(air.hold), number == 0, now, before, old, held)
     for j in range(held.size):
         f[j] += held[j]

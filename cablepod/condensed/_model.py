@@ -65,11 +65,14 @@ class CondensedModel(Coefficients):
         steps: int,
         steps_per_second: float,
         velocities: np.ndarray | None = None,
+        *,
+        is_static: bool = False,
     ) -> np.ndarray:
         """Return the boundary data for ends [m] and their accelerations [m/s^2], (2 dims, instants) each.
 
         The instants are the steps `begin` ... `begin + steps`, or, with 0 steps per second, the times `begin` [s].  `velocities`
-        are those of the ends (2 dims, instants) [m/s], which dampers need; None for ends at rest.
+        are those of the ends (2 dims, instants) [m/s], which dampers need; None for ends at rest.  `is_static` is whether
+        the air is that of the equilibrium at the start.
         """
         p = self.chain.p
 
@@ -87,8 +90,15 @@ class CondensedModel(Coefficients):
             points, load = [load - p.weight[:, None], *points], p.weight[:, None]
         instants = ends.shape[1]
         attached = self._attached_loads(ends, velocities)
-        if not accelerations.shape[1] and all(
-            values.shape[1] == 1 for values in (load, *points)
+        if self.body_loads is not None:
+            times = np.arange(begin, begin + steps + 1) / steps_per_second if steps_per_second else begin
+            of_bodies = np.zeros((p.dims, len(self.body_loads.fractions), instants))
+            of_bodies[0] = -(self.body_loads.mean[:, None] if is_static else self.body_loads.at(times))
+            attached = np.concatenate([of_bodies, attached], axis=1)
+        if (
+            not accelerations.shape[1]
+            and self.body_loads is None
+            and all(values.shape[1] == 1 for values in (load, *points))
         ):  # the same at all instants
             ends, attached = ends[:, :1].copy(), attached[:, :, :1]
         rows = chord_and_loads(ends, accelerations, load, p.mass, self.reference, points)
@@ -285,9 +295,12 @@ class CondensedModel(Coefficients):
     def initial_boundary_data(self) -> np.ndarray:
         """Boundary data at the start."""
         p = self.chain.p
-        if not p.motions:
+        if not p.motions and self.body_loads is None:
             return self.static_boundary_data
         ends, (rates, accelerations) = p.initial_ends.reshape(-1, 1), p.initial_end_rates.reshape(2, -1, 1)
+        if not p.motions:
+            accelerations = np.zeros((2 * p.dims, 0))
+            return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0)[0]
         if p.mass_damping:
             accelerations = accelerations + p.mass_damping * rates
         return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0, rates)[0]
@@ -297,7 +310,7 @@ class CondensedModel(Coefficients):
         """Boundary data at the start without accelerations of the ends."""
         p = self.chain.p
         accelerations = np.zeros((2 * p.dims, 1 if p.motions else 0))
-        return self._project_loads(p.initial_ends.reshape(-1, 1), accelerations, np.zeros(1), 0, 0.0)[0]
+        return self._project_loads(p.initial_ends.reshape(-1, 1), accelerations, np.zeros(1), 0, 0.0, is_static=True)[0]
 
     def force(self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return undamped accelerations (r,), tangent of the forces (r, r) and H [N] of one state."""

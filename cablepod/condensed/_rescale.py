@@ -41,8 +41,8 @@ class ModeStructure:
     ) -> ModeStructure:
         """Make the structure of a scene on modes; `options` are order, law and quadrature."""
         content = tuple((array.shape, array.tobytes()) for array in (sigma, *modes))
-        loads = (p.dims, bool(p.motions), tuple(load.fraction for load in p.point_loads))
-        loads += (bool(p.segments or p.attachments),)  # whose models are no multiples of a unit model
+        is_uniform = not (p.segments or p.attachments)  # the models of others are no multiples of a unit model
+        loads = (p.dims, bool(p.motions), tuple(load.fraction for load in p.point_loads), is_uniform)
         return cls(sigma, modes, p, *options, (content, loads))
 
 

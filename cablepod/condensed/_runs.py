@@ -35,7 +35,6 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 from cablepod.integrate._window import ExtremesWindow
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.wind._air import air_of
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
@@ -103,12 +102,13 @@ def solve(
     times = request.instants(p)
     check_memory(times.size, model.chain.links, p.dims, key="times", variables=3)
     cable_air = air_of(p, float(times[-1]), request.wind)
-    if cable_air is not None:
-        refuse_nonuniform(p, "chain.simulate")
     if cable_air is not None and model.has_springs:  # without force at rest in the mean wind
         unsprung = CondensedAir(model.without_springs, cable_air, float(times[-1]))
         model = replace(model, spring_rest=unsprung.in_mean_wind.rest)
     air = None if cable_air is None else CondensedAir(model, cable_air, float(times[-1]))
+    if air is not None and air.bodies is not None:
+        model = replace(model, body_loads=air.body_loads)
+        air = replace(air, model=model)
     state_at_start = initial_state(model, air)
     omega_squared = model.omega_max_squared(state_at_start.q, model.initial_boundary_data, state_at_start.chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)

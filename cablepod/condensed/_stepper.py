@@ -156,7 +156,7 @@ class CondensedStepper:
             hold = run.air.hold(run.start.chord_tension, self.step) if run.leading else 1
             velocity, rate, drag, shapes = run.air.arguments
             held, work = np.zeros((4, len(run.model.shapes))), np.empty(AIR_ROWS * drag.size)
-            air = RunAir(velocity, rate, drag, shapes, run.model.n_in_plane, hold, held, work)
+            air = RunAir(velocity, rate, drag, shapes, run.model.n_in_plane, hold, held, work, run.air.bodies)
         return terms, air
 
     def advance(self, begin: int, steps: int) -> bool:

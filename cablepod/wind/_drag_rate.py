@@ -25,11 +25,16 @@ def drag_rate(p: Parameters, air: CableAir, end_time: float) -> float:
     The drag rho C d |u| u / 2 per length of a cable of the mass mu per length changes with the relative velocity u by
     rho C d |u| along u.  The largest rate is therefore rho C d U / mu, with the largest speed U of the air and of the ends.
     """
+    return 2.0 * air.drag * largest_speed(p, air, end_time) / p.mass
+
+
+def largest_speed(p: Parameters, air: CableAir, end_time: float) -> float:
+    """Return a bound of the speed of the air relative to the ends until an instant [s] [m/s]."""
     speed = air.largest_speed
     if p.motions:
         rates = p.end_positions(np.linspace(0.0, end_time, INSTANTS), 1)
         speed += float(np.sqrt((rates * rates).sum(axis=-1)).max())
-    return 2.0 * air.drag * speed / p.mass
+    return speed
 
 
 def drag_step_limit(rate: float) -> float:

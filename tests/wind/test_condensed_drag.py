@@ -7,9 +7,10 @@ import pytest
 from wind_scenes import GUY, WIND
 
 import cablepod as cp
-from cablepod.condensed._air import POINTS_IN_VECTOR, CondensedAir
+from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
 from cablepod.condensed._assembly import model_of
+from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
 from cablepod.parameters._from_scene import parameters
 from cablepod.wind._air import air_of
 

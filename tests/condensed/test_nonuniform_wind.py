@@ -1,0 +1,84 @@
+"""The condensed model of cables with segments and attachments in the wind, against chains of many links."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from suite import slow
+
+import cablepod as cp
+
+GUY: dict[str, Any] = {
+    "cable": {
+        "youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0, "diameter": 0.016,
+    },
+    "ends": {"lower": [0.0, 0.0, 0.0], "upper": [60.0, 80.0, 0.0]},
+    "wind": {"speed": 25.0, "direction": [1.0, 0.0, 0.5], "turbulence": {"spectrum": "kaimal", "seed": 3}},
+    "damping": {"mass_proportional": 0.1},
+    "time": {"duration": 20.0, "interval": 0.05},
+    "chain": {"links": 80},
+}  # fmt: skip
+PARTS = [
+    {"to": 0.35},
+    {
+        "from": 0.35,
+        "youngs_modulus": 1.1e11,
+        "area": 9e-5,
+        "density": 7000.0,
+        "diameter": 0.03,
+        "drag_coefficient": 0.8,
+    },
+]
+#: Tables, and the ratio by which the mean of the top tension changes with them at least.
+CASES: dict[str, tuple[dict[str, Any], float]] = {
+    "body": ({"attachment": [{"arc_length": 0.1, "mass": 60.0, "drag_area": 0.3}]}, 1e-3),
+    "segments": ({"segment": PARTS}, 0.02),
+    "spring": ({"attachment": [{"arc_length": 0.3, "spring": 3000.0, "direction": [0.0, 0.0, 1.0]}]}, 1e-5),
+    "damper": (
+        {"attachment": [{"arc_length": 0.05, "damper": 1000.0, "direction": "normal", "mass": 5.0, "drag_area": 0.5}]},
+        1e-3,
+    ),
+    "ice": ({"ice": {"thickness": 0.01, "density": 900.0}, "attachment": [{"arc_length": 0.1, "mass": 60.0}]}, 0.02),
+}
+
+
+@pytest.mark.parametrize("case", ["body", "segments", "spring", slow("damper"), slow("ice")])
+def test_gusts(case: str) -> None:
+    tables, change = CASES[case]
+    scene = cp.make_scene({**GUY, **tables})
+    chain = cp.chain.simulate(scene, outputs=("position", "tension"), tolerance=1e-3)
+    modes = cp.condensed.vibration_modes(scene, rank=10, static_modes=True)
+    run = cp.condensed.simulate(scene, modes, outputs=("position", "tension"))
+    fluctuation = chain.position - chain.position.mean("time")
+    scale = float(np.sqrt((fluctuation**2).sum("coordinate").mean("particle")).max())
+    distance = float(np.sqrt(((run.position - chain.position) ** 2).sum("coordinate").mean("particle")).max())
+    # a uniform guy has 0.02 of the fluctuation by what the model leaves out, and 0.002 of the standard deviation: chordwise
+    # waves, drag of the cable along the chord; with ice, whose drag is larger, 0.007
+    assert distance < 0.03 * scale
+    top, true = run.tension.isel(link=-1), chain.tension.isel(link=-1)
+    assert float(top.std()) == pytest.approx(float(true.std()), rel=0.01)
+    assert float(top.mean()) == pytest.approx(float(true.mean()), rel=0.002)
+    plain = cp.condensed.simulate(cp.make_scene(GUY), modes, outputs=("position", "tension"))
+    assert abs(float(plain.tension.isel(link=-1).mean() / true.mean()) - 1.0) > change  # the table matters
+
+
+def test_equal_segments_are_none() -> None:
+    scene = cp.make_scene({**GUY, "time": {"duration": 3.0, "interval": 0.05}})
+    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
+    equal = cp.make_scene({**GUY, "time": {"duration": 3.0, "interval": 0.05}, "segment": [{"to": 0.35}, {}]})
+    runs = [cp.condensed.simulate(given, modes, step=0.01) for given in (scene, equal)]
+    assert np.abs(runs[1].position.values - runs[0].position.values).max() < 1e-10
+
+
+def test_a_small_attachment_changes_little() -> None:
+    """Points along parts instead of the whole cable, in the limit of an attachment that weighs nothing."""
+    scene = cp.make_scene({**GUY, "time": {"duration": 5.0, "interval": 0.05}})
+    small = [{"arc_length": 0.3, "mass": 1e-6, "drag_area": 1e-9}]
+    almost = cp.make_scene({**GUY, "time": {"duration": 5.0, "interval": 0.05}, "attachment": small})
+    modes = cp.condensed.vibration_modes(scene, rank=6, static_modes=True)
+    runs = [cp.condensed.simulate(given, modes, step=0.005) for given in (scene, almost)]
+    moved = np.abs(runs[0].position.values - runs[0].position.values[0]).max()
+    # gusts between the points of two parts are held better than by those of the whole cable
+    assert np.abs(runs[1].position.values - runs[0].position.values).max() < 0.01 * moved
