@@ -63,25 +63,28 @@ class Candidate(NamedTuple):
     call: Callable[[], xr.DataArray]
 
 
+def tables(duration: float, links: int = 40) -> dict[str, Any]:
+    """Return the tables of the guy in gusts."""
+    return {
+        "title": "Guy in gusts",
+        "cable": {
+            "youngs_modulus": 1.6e11,
+            "area": 1.25e-4,
+            "density": 8000.0,
+            "top_tension": 15000.0,
+            "diameter": 0.016,
+        },
+        "ends": {"lower": [0.0, 0.0, 0.0], "upper": [60.0, 80.0, 0.0]},
+        "damping": {"mass_proportional": 0.02},
+        "wind": {"speed": 25.0, "direction": [0.6, 0.0, 0.8], "turbulence": {"spectrum": "kaimal", "seed": 7}},
+        "chain": {"links": links},
+        "time": {"duration": duration, "interval": INTERVAL},
+    }
+
+
 def scene(duration: float, links: int = 40) -> xr.Dataset:
     """Return the guy in gusts."""
-    return cp.make_scene(
-        {
-            "title": "Guy in gusts",
-            "cable": {
-                "youngs_modulus": 1.6e11,
-                "area": 1.25e-4,
-                "density": 8000.0,
-                "top_tension": 15000.0,
-                "diameter": 0.016,
-            },
-            "ends": {"lower": [0.0, 0.0, 0.0], "upper": [60.0, 80.0, 0.0]},
-            "damping": {"mass_proportional": 0.02},
-            "wind": {"speed": 25.0, "direction": [0.6, 0.0, 0.8], "turbulence": {"spectrum": "kaimal", "seed": 7}},
-            "chain": {"links": links},
-            "time": {"duration": duration, "interval": INTERVAL},
-        }
-    )
+    return cp.make_scene(tables(duration, links))
 
 
 def chain(wind: xr.Dataset, duration: float, links: int, scheme: str, step: float | None) -> Candidate:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from guy_in_wind import insulator, wind_tunnel
 from guy_in_wind import run as gusts
-from guy_in_wind import wind_tunnel
 
 import cablepod as cp
 
@@ -32,3 +32,18 @@ def test_the_condensed_model_is_as_good_as_a_chain_and_faster():
         assert gusts.errors(candidate.call(), truth).max() < 0.005
     seconds = [min(gusts.seconds_of(candidate.call) for _ in range(3)) for candidate in (model, chain)]
     assert seconds[0] < seconds[1]
+
+
+@pytest.mark.slow
+def test_a_guy_with_an_insulator():
+    duration = 60.0
+    given = insulator.scene(duration)
+    wind = cp.wind.field(given)
+    modes = cp.condensed.vibration_modes(given, rank=insulator.RANK, static_modes=True)
+    model = insulator.condensed(wind, given, modes, "with kink", 0.01)[2]
+    chain = insulator.chain(wind, duration, insulator.FINEST)[2]
+    bare = insulator.condensed(wind, gusts.scene(duration, insulator.FINEST), modes.isel(mode=slice(6)), "", 0.01)[2]
+    true, found, without = (gusts.measures(call().tension.isel(link=-1)) for call in (chain, model, bare))
+    assert np.abs(found / true - 1.0).max() < 0.02
+    assert np.abs(without / true - 1.0).max() > 0.02
+    assert min(gusts.seconds_of(model) for _ in range(3)) < 0.2 * gusts.seconds_of(chain)
