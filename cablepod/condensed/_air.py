@@ -78,10 +78,22 @@ class CondensedAir:
     @property
     def drag(self) -> np.ndarray:
         """Quadrature weights times half the density of the air, drag coefficient and diameter, filled up (points,) [kg/m]."""
-        return filled_up(self.air.drag * self._drag_ratios * self.rule[1])
+        return filled_up(self.air.drag * self.drag_ratios * self.rule[1])
 
     @property
-    def _drag_ratios(self) -> float | np.ndarray:
+    def wire_points(self) -> int:
+        """Number of points without bodies, which come last."""
+        return self.rule[0].size - len(self.places.bodies)
+
+    @property
+    def weights_of_forces(self) -> np.ndarray:
+        """Weights of forces at the points: those of the rule [m], and 1 of bodies (points,)."""
+        weights = self.rule[1].copy()
+        weights[self.wire_points :] = 1.0
+        return weights
+
+    @property
+    def drag_ratios(self) -> float | np.ndarray:
         """Drag coefficient times diameter at the points over the mean of the cable; 1 where it is the same along the cable."""
         p = self.model.chain.p
         if self.model.chain.drag_ratio is None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cablepod.condensed._air import CondensedAir
+from cablepod.condensed._air_places import AirPlaces, gauss
 
 
 @dataclass(frozen=True)
@@ -32,15 +33,23 @@ class DragOfMotion:
         for k, which in enumerate(sets, start=1):
             tangent[:, k] = q[:, which] @ slopes[:, which].T
             velocity[:, k] -= rates[:, which] @ shapes[:, which].T
+        bodies, of_bodies = air.bodies, np.zeros(0)
+        if bodies is not None:
+            of_bodies = velocity[:, :, bodies.points]
+            of_bodies = bodies.drag * np.sqrt((of_bodies * of_bodies).sum(axis=1, keepdims=True)) * of_bodies
         square = (tangent * tangent).sum(axis=1)
         velocity -= ((velocity * tangent).sum(axis=1) / square)[:, None] * tangent
-        size = air.air.drag * np.sqrt(square * (velocity * velocity).sum(axis=1))
+        size = air.air.drag * air.drag_ratios * np.sqrt(square * (velocity * velocity).sum(axis=1))
         force = size[:, None] * velocity
-        return cls(air, force[:, 0], force[:, 1:], tangent[:, 1:], float(size.mean()))
+        if bodies is not None:  # along the chord theirs is a load of the model
+            force[:, :, bodies.points] = of_bodies
+            force[:, 0, bodies.points] = 0.0
+        damping = float(size.mean()) if air.model.is_uniform else float(size.mean(axis=0)[: air.wire_points].min())
+        return cls(air, force[:, 0], force[:, 1:], tangent[:, 1:], damping)
 
     def on(self, shapes: np.ndarray, n_in_plane: int) -> np.ndarray:
         """Return the forces on shapes at the points (points, R), the first `n_in_plane` in plane: (times, R)."""
-        weighted = self.air.rule[1][:, None] * shapes
+        weighted = self.air.weights_of_forces[:, None] * shapes
         parts = [self.normal[:, 0] @ weighted[:, :n_in_plane]]
         parts += [self.normal[:, k] @ weighted[:, n_in_plane:] for k in range(1, self.normal.shape[1])]
         return np.concatenate(parts, axis=1)
@@ -51,9 +60,9 @@ class DragOfMotion:
         That change is -(integral of the drag), less its mean, which the closure takes away.  `slopes` are those of the shapes
         (points, R); the result is (times, R).
         """
-        sigma, weights = self.air.rule
+        _, weights = self.air.rule
         length = weights.sum()
-        integral = _integration(sigma) * length
+        integral = _integration(self.air.places) * length
         tau = -(self.along @ integral.T)
         tau -= (tau @ weights / length)[:, None]
         weighted = weights[:, None] * slopes
@@ -68,8 +77,21 @@ class DragOfMotion:
         return self.normal @ (weights * sigma)
 
 
-def _integration(sigma: np.ndarray) -> np.ndarray:
-    """Return the matrix from values at points to the integrals from 0 to them of their polynomial (points, points)."""
+def _integration(places: AirPlaces) -> np.ndarray:
+    """Return the matrix from values at points to the integrals from 0 to them of their polynomials by parts (points, points)."""
+    sigma, first = places.sigma, 0
+    matrix = np.zeros((sigma.size, sigma.size))
+    for begin, end, count in places.parts:
+        part = slice(first, first + count)
+        inner, weights = gauss(count)
+        matrix[part, part] = (end - begin) * _integration_of_part(0.5 * (1.0 + inner))
+        matrix[sigma > end, part] = 0.5 * (end - begin) * weights
+        first += count
+    return matrix
+
+
+def _integration_of_part(sigma: np.ndarray) -> np.ndarray:
+    """Return the matrix from values at points between 0 and 1 to integrals of their polynomial from 0 to these."""
     powers = np.arange(sigma.size)
     centred = 2.0 * sigma - 1.0
     vandermonde = np.polynomial.legendre.legvander(centred, sigma.size - 1)

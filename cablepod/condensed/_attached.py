@@ -122,10 +122,15 @@ def forces_of_line(
     """
     p, pairs = model.chain.p, loading(model.chain)
     moved = ends - p.initial_ends.reshape(-1, 1)
+    axis = ChordFrame.of(np.diff(p.initial_ends, axis=0), model.reference).along[0]
+    compliance = np.cumsum(1.0 / model.chain.k) / (1.0 / model.chain.k).sum()
     forces = np.zeros((len(pairs), ends.shape[1]))
     for force, psi, (attachment, fraction) in zip(forces, model.attached_shapes, pairs, strict=True):
         d = np.asarray(attachment.direction)
-        along = np.concatenate([(1.0 - fraction) * d, fraction * d])
+        # a longer chord lengthens the parts by their compliance
+        share = compliance @ place_of(model.chain, fraction)[1:] - fraction
+        stretch = share * (d @ axis) * axis
+        along = np.concatenate([(1.0 - fraction) * d - stretch, fraction * d + stretch])
         force += attachment.spring * (psi @ rest - along @ moved)
         if velocities.shape[1]:
             force -= attachment.damper * (along @ velocities)

@@ -11,17 +11,21 @@ import numpy as np
 
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms
-from cablepod.condensed._terms import runtime_sizes
+from cablepod.condensed._terms import runtime_sizes, terms_of_lane
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
 
 #: Number of sines that the enriched model has beyond the modes of each deflection (fewer where particles are few).
 EXTRA_MODES = 3
+#: Minimum part of a triangle that modes lack.
+INDEPENDENT = 1e-6
 #: Joint Newton corrections of the closure, for order "leading" and for others (one leaves 1e-2 of the change, two 1e-4).
 CORRECTIONS_LEADING, CORRECTIONS = 1, 2
 
 
-def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, ...]:
+def enriched_modes(
+    sets: Sequence[np.ndarray], sigma: np.ndarray, masses: np.ndarray | None = None, kinks: Sequence[float] = ()
+) -> tuple[np.ndarray, ...]:
     """Complete each set of modes (mode, particle) by the EXTRA_MODES sines of the relative arc length that it lacks most.
 
     What a sine lacks is what is left of it, per its norm, without the parts along the modes and the sines taken before, in the
@@ -32,6 +36,10 @@ def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.nd
     ----------
     sets, sigma
         Modes of each deflection, independent, and relative arc lengths of the particles (particle,).
+    masses
+        Of the particles, of any unit (particle,); by default in proportion to the lengths.
+    kinks
+        Places, as fractions of the length, of triangles that the bases contain too.
 
     Returns
     -------
@@ -39,14 +47,22 @@ def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.nd
         Bases of each deflection, orthonormal in that product, zero at the ends; as many rows as inner particles at most.
     """
     length, inner = np.diff(sigma), sigma.size - 2
-    root = np.sqrt(0.5 * (length[1:] + length[:-1]))  # of the lengths, so of the masses, at the inner particles
+    # of the masses at the inner particles
+    root = np.sqrt(0.5 * (length[1:] + length[:-1]) if masses is None else masses[1:-1] / masses.sum())
+    triangles = np.array([np.minimum(sigma / place, (1.0 - sigma) / (1.0 - place)) for place in kinks])
     bases = []
     for psi in sets:
         number = np.arange(1, min(2 * (len(psi) + EXTRA_MODES), inner) + 1)
         left = np.sin(math.pi * np.outer(number, sigma[1:-1])) * root
         left /= np.linalg.norm(left, axis=1)[:, None]
         basis = np.linalg.qr((psi[:, 1:-1] * root).T)[0].T
-        for _ in range(min(EXTRA_MODES, inner - len(psi))):
+        for triangle in triangles[:, 1:-1] * root if len(triangles) else ():
+            row = triangle / np.linalg.norm(triangle)
+            for _ in range(2):
+                row = row - (basis @ row) @ basis
+            if np.linalg.norm(row) > INDEPENDENT and len(basis) < inner:
+                basis = np.concatenate([basis, row[None] / np.linalg.norm(row)])
+        for _ in range(min(EXTRA_MODES, inner - len(basis))):
             for _ in range(2):  # the second time takes off what rounding left
                 left -= left @ basis.T @ basis
             norm = np.linalg.norm(left, axis=1)
@@ -153,6 +169,40 @@ def _unit_coefficients(
     return unit, _Points(0.5 * weights, inertia, np.array([[3.0]]), interpolated(patterns), interpolated(slopes))
 
 
+def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> ErrorTerms:
+    """Return the coefficients of the error equation of a motion to leading order, on the links, with a leading dimension of one.
+
+    Parameters
+    ----------
+    model
+        Enriched model of a cable that is not uniform.
+    change, in_plane
+        As in :func:`scaled_terms`, without the dimension of cables.
+    """
+    chain = model.chain
+    enriched = terms_of_lane(
+        chain.p.stiffness, chain.total_length, model.slope_norms_squared, model.mean_chordwise_forces,
+        model.geometric_stiffness, model.load_projection,
+    )  # fmt: skip
+    return ErrorTerms(
+        sizes=runtime_sizes(len(change), len(model.load_patterns), len(model.load_projection)),
+        enriched=LeadingTerms(*(array[None] for array in enriched)),
+        change=change[None],
+        weights=chain.length[None],
+        flexibility=1.0 / np.broadcast_to(chain.axial_stiffness, chain.links)[None],
+        force_patterns=np.ascontiguousarray(model.chordwise_force_patterns.T[None]),
+        slopes_of_motion=(np.swapaxes(model.slopes, 0, 1) @ change)[None],
+        slopes=model.slopes[None],
+        in_plane=in_plane,
+        enriched_in_plane=model.n_in_plane,
+        inertia=model.inertia[None],
+        damping=np.array([chain.p.damping], dtype=float),
+        green=False,
+        leading=True,
+        corrections=CORRECTIONS_LEADING,
+    )
+
+
 def scaled_terms(
     unit: Coefficients,
     at: _Points,
@@ -200,6 +250,7 @@ def scaled_terms(
         enriched=enriched,
         change=change,
         weights=length * at.weights,
+        flexibility=np.repeat(1.0 / cables.stiffness[:, None], at.weights.size, axis=1),
         force_patterns=np.ascontiguousarray(at.patterns.T * load[:, None, :]),
         slopes_of_motion=np.swapaxes(slopes, 1, 2) @ change,
         slopes=slopes,

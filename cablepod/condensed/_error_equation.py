@@ -9,7 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
+from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._error_coefficients import (
+    Cables,
+    enriched_modes,
+    scaled_terms,
+    terms_of_model,
+    unit_coefficients,
+)
 from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, ErrorTerms, LeadingTerms
 from cablepod.condensed._newton import solve_each
 from cablepod.condensed._terms import runtime_sizes
@@ -74,9 +81,9 @@ def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.nda
     force = terms.force_patterns @ np.swapaxes(along, 1, 2)
     change, largest_force = np.empty((members, samples)), np.empty((members, samples))
     kernel.exact_forces(
-        terms.sizes, terms.enriched, terms.weights, terms.inertia, terms.green, terms.leading, terms.corrections,
-        np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)), np.empty((SUMS, BLOCK)), change,
-        largest_force,
+        terms.sizes, terms.enriched, terms.weights, terms.flexibility, terms.inertia, terms.green, terms.leading,
+        terms.corrections, np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)),
+        np.empty((SUMS, BLOCK)), change, largest_force,
     )  # fmt: skip
     enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
     for plane, which in zip(range(len(planes)), enriched, strict=False):
@@ -171,6 +178,7 @@ class ErrorEquation:
     projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
     slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
     shapes: np.ndarray  #: enriched shapes (R, particle) [kg^-1/2]
+    model: Coefficients | None = None  #: enriched model of a cable that is not uniform
 
     @classmethod
     def of(
@@ -212,6 +220,25 @@ class ErrorEquation:
             unit, at, cables, load[None], change[None], in_plane, leading=leading, green=bool(chain.green)
         )
         return cls(chain, terms, projection, (shape / length) * unit.slopes, shape * unit.shapes)
+
+    @classmethod
+    def of_nonuniform(cls, model: Coefficients) -> ErrorEquation:
+        """Prepare the equation for a motion to leading order of a cable with segments or attachments, on its links."""
+        chain = model.chain
+        kinks = sorted({round(place, 9) for place in chain.attached_fractions})
+        bases = enriched_modes(model.modes, chain.arc_length / chain.total_length, chain.mass, kinks)
+        enriched = Coefficients(chain, "inertial", bases, body_loads=model.body_loads)
+        projection = enriched.shapes * chain.mass
+        change = projection @ model.shapes.T
+        change[: enriched.n_in_plane, model.n_in_plane :] = change[enriched.n_in_plane :, : model.n_in_plane] = 0.0
+        terms = terms_of_model(enriched, change, model.n_in_plane)
+        return cls(chain, terms, projection, enriched.slopes, enriched.shapes, enriched)
+
+    @property
+    def least_mass(self) -> float:
+        """Unstretched length times the least mass per length [kg]; sums of squares over it bound mean squares over the length."""
+        p = self.chain.p
+        return min([p.mass, *(segment.mass for segment in p.segments)]) * self.chain.total_length
 
     @property
     def change(self) -> np.ndarray:
@@ -279,7 +306,7 @@ class ErrorEquation:
         squares, largest = (
             array[0] for array in grown_errors(self.terms, drive, interval, initial_error[None], initial_rate[None])
         )
-        squares /= self.chain.p.mass * self.chain.total_length
+        squares /= self.least_mass
         if not squares.max() < math.inf:
             squares[np.isnan(squares)] = math.inf
         error = largest[:-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -102,7 +103,9 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     if model.order != "leading" and len(motion[0]) > 2:
         forces, displaced = Neglected(model, equation).of(motion, np.arange(len(motion[0])) / rate)
         further.append((forces, 0.0))
-    if air is not None or model.chain.p.tension_damping is not None or model.chain.p.damping_ratios is not None:
+    p = model.chain.p
+    is_held = any(attachment.damper or attachment.spring for attachment in p.attachments)
+    if air is not None or p.tension_damping is not None or p.damping_ratios is not None or is_held:
         times = np.arange(len(motion[0])) / rate
         q, rates, accelerations = motion
         forces, damping = forces_by_rates(equation, model, air, times, q, rates, boundary_data)
@@ -119,7 +122,10 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
 @lru_cache(KEPT_EQUATIONS)
 def waves_of(model: CondensedModel, end_time: float) -> float:
     """Return the rms displacement of waves along the cable [m]; kept as long as the model is."""
-    return waves(model.chain.p, model.chain.total_length, end_time)
+    p, length = model.chain.p, model.chain.total_length
+    if not model.is_uniform:  # a bar of the same mass
+        p = replace(p, mass=model.root_total_mass**2 / length)
+    return waves(p, length, end_time)
 
 
 @lru_cache(KEPT_EQUATIONS)
@@ -129,9 +135,12 @@ def _error_at_start(
     """Return the error equation of a model, the error at the start and its rate (R,); kept as long as the model is."""
     leading = model.order == "leading"
     points = POINTS + POINTS_PER_MODE * max(len(part) for part in model.modes) if leading else 0
-    equation = ErrorEquation.of(
-        model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading, points=points
-    )
+    if model.is_uniform:
+        equation = ErrorEquation.of(
+            model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading, points=points
+        )
+    else:
+        equation = ErrorEquation.of_nonuniform(model)
     q = model.initial_state[0]
     if model.chain.p.initial:
         error = equation.coordinates(model.start_deflection()[:, 0]) - equation.change @ q
@@ -159,9 +168,26 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
     ends = None
     if p.motions:
         ends = p.end_positions(np.arange(len(q)) * (stride * state.sample_interval / state.instants.steps_per_second))
+    if not model.is_uniform:
+        return _motion_of_particles(model, q, ends)
     means = [array[None] for array in _means_of_shapes(model)]
     square = largest_motions(q[None], None if ends is None else ends[None], model.root_total_mass**2, *means)
     largest, chord = math.sqrt(square[0]), chord_of(model)
+    return largest if largest > 1e-9 * chord else chord
+
+
+def _motion_of_particles(model: CondensedModel, q: np.ndarray, ends: np.ndarray | None) -> float:
+    """Do :func:`motion_of` for coordinates (samples, r) and ends (samples, 2, dims), where masses are not as the lengths."""
+    chain, initial = model.chain, model.chain.p.initial_ends
+    normals = ChordFrame.of((initial[1] - initial[0])[None], model.reference).normals[0]
+    moved = np.zeros((len(q), chain.links + 1, chain.p.dims))
+    if ends is not None:
+        sigma, displaced = (chain.arc_length / chain.total_length)[:, None], ends - ends[:1]
+        moved += (1.0 - sigma) * displaced[:, :1] + sigma * displaced[:, 1:]
+    for which, normal in zip(model.sets, normals, strict=True):
+        moved += ((q - q[:1])[:, which] @ model.shapes[which])[:, :, None] * normal
+    squares = (moved * moved).sum(axis=2) @ chain.tributary_length / chain.total_length
+    largest, chord = math.sqrt(squares.max()), chord_of(model)
     return largest if largest > 1e-9 * chord else chord
 
 

@@ -48,7 +48,17 @@ class EnrichedDrag:
         chain, in_plane = self.air.model.chain, self.equation.enriched_in_plane
         motion = DragOfMotion.of(self.air, times, q, rates, boundary_data[:, 0] / chain.total_length)
         shapes, slopes = self.air.at_points(self.equation.shapes, (0, 1))
-        return motion.on(shapes, in_plane) + motion.by_tension(slopes, in_plane), motion.damping / chain.p.mass
+        return motion.on(shapes, in_plane) + motion.by_tension(slopes, in_plane), motion.damping / self._mass_per_length
+
+    @property
+    def _mass_per_length(self) -> float:
+        """Mass per length by which the drag damps the error [kg/m]: of a cable that is not uniform, that of the slowest mode."""
+        model = self.air.model
+        if model.is_uniform:
+            return model.chain.p.mass
+        masses = [segment.mass for segment in model.chain.p.segments]
+        attached = sum(attachment.mass for attachment in model.chain.p.attachments)
+        return max([model.chain.p.mass, *masses]) + 2.0 * attached / model.chain.total_length
 
     def at_rest(self, q: np.ndarray, boundary_data: np.ndarray) -> np.ndarray:
         """Return the forces (R,) in the mean wind on coordinates (r,) at rest."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate_air import EnrichedDrag
+from cablepod.condensed._estimate_attached import forces_of_attachments
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.discretisation._modal_damping import modal_damping
 
@@ -49,6 +50,8 @@ def forces_by_rates(
         matrix = enriched_damping(equation, model)
         forces -= rates @ (matrix @ equation.change).T
         damping += max(float(np.linalg.eigvalsh(matrix)[0]), 0.0)
+    if equation.model is not None:  # the damping of the error by dampers, which may miss a mode, does not count
+        forces += forces_of_attachments(equation.model, model, equation.change, q, rates, boundary_data)
     if air is not None:
         drag, of_drag = EnrichedDrag.of(equation, air).forces(times, q, rates, boundary_data)
         forces, damping = forces + drag, damping + of_drag

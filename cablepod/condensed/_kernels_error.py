@@ -47,19 +47,19 @@ def _sum_slopes(slopes, begin, end, force, fields, sums):
 
 
 @compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
-def _close_samples(weights, stiffness, green, shift, corrections, begin, end, force, fields, sums):
+def _close_samples(weights, flexibility, green, shift, corrections, begin, end, force, fields, sums):
     """Fill the inverse of zeta' at the points with its second rate, and the change of H by the exact closure.
 
     The integral of zeta' is that of 1 + N / K - w'^2 / 2 at the same points, so that errors of the quadrature only enter the
     difference from the leading order.  `shift` is 0 for a motion to leading order, which has the tension to leading order.
     """
-    flexibility, count = 1.0 / stiffness, end - begin
+    count = end - begin
     for t in range(count):
         sums[CHORD, t], sums[TENSION_CHANGE, t], sums[LARGEST_FORCE, t] = 0.0, 0.0, -np.inf
     for j in range(weights.size):
         for t in range(count):
             own, squared = force[j, begin + t], fields[SQUARED, j, t]
-            strain = own * flexibility
+            strain = own * flexibility[j]
             leading = 1.0 + strain - 0.5 * squared
             inner = 1.0 - squared + (2.0 * strain / leading if green else 2.0 * strain + strain * strain)
             sums[CHORD, t] += weights[j] * leading
@@ -70,13 +70,13 @@ def _close_samples(weights, stiffness, green, shift, corrections, begin, end, fo
             sums[REACH, t], sums[FLEXIBILITY, t] = 0.0, 0.0
         for j in range(weights.size):
             for t in range(count):
-                strain = (force[j, begin + t] + shift * sums[TENSION_CHANGE, t]) * flexibility
+                strain = (force[j, begin + t] + shift * sums[TENSION_CHANGE, t]) * flexibility[j]
                 if green:
                     correction, derivative, _ = _newton_green(strain, fields[SQUARED, j, t], fields[STRETCH, j, t])
                 else:
                     correction, derivative, _ = _newton_linear(strain, fields[SQUARED, j, t], fields[STRETCH, j, t])
                 fields[STRETCH, j, t] += correction
-                fields[COMPLIANCE, j, t] = derivative * flexibility
+                fields[COMPLIANCE, j, t] = derivative * flexibility[j]
                 sums[REACH, t] += weights[j] * fields[STRETCH, j, t]
                 sums[FLEXIBILITY, t] += weights[j] * fields[COMPLIANCE, j, t]
         for t in range(count):
@@ -108,8 +108,8 @@ def _fill_forces_on_slopes(weights, shift, begin, end, force, fields, sums, slop
 
 @compiled(fastmath=FAST_DIVISION, counted=False)
 def exact_forces(
-    sizes, enriched, weights, inertia, green, leading, corrections, rows, y, force, slopes, fields, sums, tension_change,
-    largest_force,
+    sizes, enriched, weights, flexibility, inertia, green, leading, corrections, rows, y, force, slopes, fields, sums,
+    tension_change, largest_force,
 ):  # fmt: skip
     """Compute the exact forces on the slopes of motions at points along cables, less those to leading order.
 
@@ -117,7 +117,7 @@ def exact_forces(
 
     Parameters
     ----------
-    sizes, enriched, weights, inertia, green, leading, corrections
+    sizes, enriched, weights, flexibility, inertia, green, leading, corrections
         See :class:`cablepod.condensed._kernels_layout.ErrorTerms`.
     rows
         Boundary data of the samples, see :func:`cablepod.condensed._frame.chord_and_loads` (members, samples, columns).
@@ -142,7 +142,7 @@ def exact_forces(
                 _chord_tensions(sizes, own, flat, t * columns, y[member, t], sums[TENSION, t - begin :])
             _sum_slopes(slopes[member], begin, end, force[member], fields, sums)
             _close_samples(
-                weights[member], own.stiffness[0], green, shift, corrections, begin, end, force[member], fields, sums
+                weights[member], flexibility[member], green, shift, corrections, begin, end, force[member], fields, sums
             )
             _chordwise_momentum(end - begin, fields[SECOND_RATE], weights[member], inertia[member], fields[MOMENTUM])
             _fill_forces_on_slopes(weights[member], shift, begin, end, force[member], fields, sums, slopes[member])

@@ -223,6 +223,7 @@ class ErrorTerms(NamedTuple):
     enriched: LeadingTerms
     change: np.ndarray  #: matrix from the motion's coordinates to the enriched ones (R, r)
     weights: np.ndarray  #: of the points (m,) [m]
+    flexibility: np.ndarray  #: 1 / K at the points (m,) [1/N]
     force_patterns: np.ndarray  #: chordwise force patterns (m, patterns)
     slopes_of_motion: np.ndarray  #: slopes of the motion's coordinates (m, r)
     slopes: np.ndarray  #: slopes of the enriched ones (R, m)

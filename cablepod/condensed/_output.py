@@ -40,9 +40,6 @@ from cablepod.reduced._validity import forcing_attributes
 if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRequest, CondensedResult
 
-#: Why a run has no error estimate.
-NO_ESTIMATE = "none with segments and attachments; compare with more modes, or with chain.simulate"
-
 
 def labels_of(model: CondensedModel, times: np.ndarray) -> dict[str, np.ndarray]:
     """Return the labels of the dimensions of a result."""
@@ -165,10 +162,7 @@ def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: Condens
     if time_error is not None:
         attrs["time_error_estimate"] = time_error
     if "error_estimate" in request.outputs:
-        if run.model.is_uniform:
-            attrs["error_estimate"] = (time_error or 0.0) + solution.model_error
-        else:
-            attrs["error_estimate_note"] = NO_ESTIMATE
+        attrs["error_estimate"] = (time_error or 0.0) + solution.model_error
     return attrs
 
 

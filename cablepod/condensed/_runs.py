@@ -114,7 +114,7 @@ def solve(
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
     fits = step is None and request.given_tolerance is None
-    estimates = "error_estimate" in request.outputs and model.is_uniform
+    estimates = "error_estimate" in request.outputs
     has_rates = p.tension_damping is not None or air is not None
     scheme = _scheme_of(model, scheme, limit, step, fits=fits, has_rates=has_rates)
     start, end_time = state_at_start, float(times[-1])
@@ -231,8 +231,6 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
         nonlocal error, scale
         if end_time > 0.0:
             scale = motion_of(model, state)
-            if not model.is_uniform:
-                return DEFAULT_TOLERANCE
             error = estimate(model, state, scale, run.air)
         return min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
 
