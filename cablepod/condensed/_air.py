@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -277,6 +277,16 @@ class CondensedAir:
             if not converged:
                 refuse_rest_in_wind()
         return q
+
+
+def with_loads_of_air(air: CondensedAir) -> CondensedAir:
+    """Return air along a model that has the drag of bodies along the chord, and springs without force in the mean wind."""
+    model = air.model
+    if air.bodies is not None:
+        model = replace(model, body_loads=air.body_loads)
+    if model.has_springs:
+        model = replace(model, spring_rest=replace(air, model=model.without_springs).in_mean_wind.rest)
+    return replace(air, model=model)
 
 
 @lru_cache(KEPT_MODELS)

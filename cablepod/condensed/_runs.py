@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_memory
-from cablepod.condensed._air import CondensedAir
+from cablepod.condensed._air import CondensedAir, with_loads_of_air
 from cablepod.condensed._estimate import MAX_SAMPLES, estimate, motion_of, sample_interval
 from cablepod.condensed._fields import CondensedTrajectory, close_outputs, positions
 from cablepod.condensed._kernels_layout import UNSTABLE_STEP
@@ -102,13 +102,10 @@ def solve(
     times = request.instants(p)
     check_memory(times.size, model.chain.links, p.dims, key="times", variables=3)
     cable_air = air_of(p, float(times[-1]), request.wind)
-    if cable_air is not None and model.has_springs:  # without force at rest in the mean wind
-        unsprung = CondensedAir(model.without_springs, cable_air, float(times[-1]))
-        model = replace(model, spring_rest=unsprung.in_mean_wind.rest)
     air = None if cable_air is None else CondensedAir(model, cable_air, float(times[-1]))
-    if air is not None and air.bodies is not None:
-        model = replace(model, body_loads=air.body_loads)
-        air = replace(air, model=model)
+    if air is not None and not model.is_uniform:
+        air = with_loads_of_air(air)
+        model = air.model
     state_at_start = initial_state(model, air)
     omega_squared = model.omega_max_squared(state_at_start.q, model.initial_boundary_data, state_at_start.chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)
