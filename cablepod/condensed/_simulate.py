@@ -46,7 +46,8 @@ def simulate(
     Parameters
     ----------
     scene
-        Scene with both ends held; it need not be the training scene of the modes.  Members of a scene with ``member`` run
+        Scene with both ends held; it need not be the training scene of the modes.  Order "leading" has segments and attachments.
+        Members of a scene with ``member`` run
         concurrently; failed members hold nan and report the reason in ``failure``.
     modes
         Result of :func:`cablepod.pod.decompose` with layout "normal", transferred by sigma = S / L0.

@@ -39,8 +39,12 @@ CALLS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "rigid.rest": lambda scene, modes, fields: cp.rigid.rest(scene),
     "rigid.simulate": lambda scene, modes, fields: cp.rigid.simulate(scene),
     "galerkin.simulate": lambda scene, modes, fields: cp.galerkin.simulate(scene, fields),
+    "condensed.simulate, exact": lambda scene, modes, fields: cp.condensed.simulate(scene, modes, order="exact"),
     "condensed.prepare": lambda scene, modes, fields: cp.condensed.prepare(scene, modes),
     "periodic.orbit": lambda scene, modes, fields: cp.periodic.orbit(scene, modes),
+    "periodic.frequency_response": lambda scene, modes, fields: cp.periodic.frequency_response(
+        scene, modes, frequency=(2.9, 3.1)
+    ),
     "periodic.backbone": lambda scene, modes, fields: cp.periodic.backbone(scene, modes, amplitude=0.1),
 }
 
