@@ -257,10 +257,11 @@ class Coefficients:
 
     @cached_property
     def chordwise_forces_at_candidates(self) -> np.ndarray:
-        """Chordwise force patterns on links where N may be least: at the ends and beside point loads (patterns, candidates)."""
+        """Chordwise force patterns on links where N may be least: at ends, point loads, attachments (patterns, candidates)."""
         candidates = {0, self.chain.links - 1}
-        for load in self.chain.p.point_loads:
-            j = np.flatnonzero(place_of(self.chain, load.fraction)[1:-1])
+        fractions = [load.fraction for load in self.chain.p.point_loads]
+        for fraction in [*fractions, *(self.chain.attached_fractions if self.chain.p.attachments else ())]:
+            j = np.flatnonzero(place_of(self.chain, fraction)[1:-1])
             candidates |= {int(link) for link in np.concatenate([j, j + 1])}
         return np.ascontiguousarray(self.chordwise_force_patterns[:, sorted(candidates)])
 

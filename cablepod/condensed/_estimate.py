@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.chain._start import start
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._error_equation import ErrorEquation
 from cablepod.condensed._estimate_air import EnrichedDrag
 from cablepod.condensed._estimate_damping import forces_by_rates
 from cablepod.condensed._estimate_neglected import Neglected
-from cablepod.condensed._fields import CondensedTrajectory
+from cablepod.condensed._fields import CondensedTrajectory, close_chord, running_sum
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._waves import waves
 from cablepod.discretisation._chord_frame import ChordFrame
@@ -123,9 +124,23 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
 def waves_of(model: CondensedModel, end_time: float) -> float:
     """Return the rms displacement of waves along the cable [m]; kept as long as the model is."""
     p, length = model.chain.p, model.chain.total_length
-    if not model.is_uniform:  # a bar of the same mass
-        p = replace(p, mass=model.root_total_mass**2 / length)
-    return waves(p, length, end_time)
+    if model.is_uniform:
+        return waves(p, length, end_time)
+    of_ends = waves(replace(p, mass=model.root_total_mass**2 / length), length, end_time)  # in a bar of the same mass
+    return math.hypot(of_ends, _displacement_at_start(model) if p.initial else 0.0)
+
+
+def _displacement_at_start(model: CondensedModel) -> float:
+    """Return the rms distance along the chord of a given start from that of the model [m].
+
+    Parts of different stiffness that start with another tension than that of their rest are not balanced along the chord.
+    """
+    chain, q = model.chain, model.initial_state[0]
+    position, ends = start(chain), chain.p.initial_ends[None]
+    stretch = close_chord(model, q[None], np.zeros(1), ends)[0]
+    given = ChordFrame.of((position[-1] - position[0])[None], model.reference).split(position[None])[0]
+    squares = (running_sum(stretch * chain.length) - given)[0] ** 2
+    return math.sqrt(squares @ chain.tributary_length / chain.total_length)
 
 
 @lru_cache(KEPT_EQUATIONS)

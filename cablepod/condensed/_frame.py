@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cablepod.conventions import COORDINATES, ENDS
+from cablepod.parameters._parameters import Parameters
+
 
 def chord_and_loads(
     ends: np.ndarray,
@@ -71,3 +74,26 @@ def _projected(
         masses, patterns, ends, accelerations, loads, masses, axes, work, rows.reshape(-1), 0
     )
     return rows
+
+
+def end_tables(p: Parameters, begin: int, steps: int, steps_per_second: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return both ends [m] and their accelerations with damping [m/s^2] from step `begin` on (2 dims, steps + 1)."""
+    count = steps + 1
+    ends, accelerations = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
+    ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
+    derivatives = (0, 2, 1) if p.mass_damping else (0, 2)
+    for (end, axis), function in p.motions.items():
+        row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+        tables = function.all_at_steps(begin, steps, steps_per_second, derivatives, ends[row, 0])
+        ends[row] = tables[0]
+        accelerations[row] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
+    return ends, accelerations
+
+
+def end_velocities(p: Parameters, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
+    """Return the velocities of both ends from step `begin` on (2 dims, steps + 1) [m/s]; no columns where no end moves."""
+    velocities = np.zeros((2 * p.dims, steps + 1 if p.motions else 0))
+    for (end, axis), function in p.motions.items():
+        row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+        velocities[row] = function.at_steps(begin, steps, steps_per_second, 1)
+    return velocities

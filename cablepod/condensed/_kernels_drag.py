@@ -287,7 +287,7 @@ def _extrapolate_drag(weights, at_start, now, before, old, held):
         before[i] = now[i]
 
 
-@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION)
+@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _add_body_drag(bodies, u, wind, place, points, shapes, n_in_plane, f):
     """Add the drag of bodies across the chord to the accelerations f (r,): b |u| u, u the velocity of the air relative to them.
 

@@ -184,10 +184,10 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
             for m in range(lanes):
                 k = j * lanes + m
                 v[k] = damped.decay[m] * v[k] + damped.impulse[m] * f[k]
-        if rate_terms is not None:
+        if rate_terms is not None and rate_terms.dampers.size:
             for k in range(n):
                 u[k] = before[k]
-            _apply_dampers(rate_terms, v, u, work)
+            _apply_dampers(rate_terms.dampers, v, u, work)
         if number == next_output:
             if record.half_step_rates.size:
                 for k in range(n):

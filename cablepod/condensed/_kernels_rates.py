@@ -30,7 +30,7 @@ def _subtract_modal_damping(matrix, u, f):
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
-def _apply_dampers(rate_terms, v, u, work):
+def _apply_dampers(matrix, v, u, work):
     """Take the effect of attached dampers off the rates v (r,) half a step after; u and `work` (r,) are overwritten.
 
     With C acting on the mean of the rates before and after, (1 + h C / 2) v = (1 - h C / 2) u + what other forces add.  So a
@@ -38,21 +38,20 @@ def _apply_dampers(rate_terms, v, u, work):
 
     Parameters
     ----------
-    rate_terms
-        With W in `dampers`.
+    matrix
+        W (r r,), see :class:`cablepod.condensed._kernels_layout.RateTerms`.
     v, u
         Rates after the step without dampers, and before it.
     """
     r = v.size
-    if rate_terms.dampers.size:
-        for j in range(r):
-            u[j] += v[j]
-        for j in range(r):
-            work[j] = 0.0
-            for k in range(r):
-                work[j] += rate_terms.dampers[j * r + k] * u[k]
-        for j in range(r):
-            v[j] -= work[j]
+    for j in range(r):
+        u[j] += v[j]
+    for j in range(r):
+        work[j] = 0.0
+        for k in range(r):
+            work[j] += matrix[j * r + k] * u[k]
+    for j in range(r):
+        v[j] -= work[j]
 
 
 @compiled(forceinline=True, counted=False)

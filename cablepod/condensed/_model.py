@@ -11,11 +11,10 @@ import numpy as np
 from cablepod.chain._start import start
 from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._frame import chord_and_loads
+from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities
 from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
-from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.parameters._parameters import Parameters
@@ -126,7 +125,7 @@ class CondensedModel(Coefficients):
 
     @property
     def has_springs(self) -> bool:
-        """Whether there are springs to the ground."""
+        """Whether there are springs."""
         return any(attachment.spring for attachment in self.chain.p.attachments)
 
     @property
@@ -403,26 +402,3 @@ def _longest_chord(p: Parameters, end_time: float, intervals: int) -> float:
     """Return the longest distance of the ends at equal intervals up to `end_time` [s], in m; kept for the same scenes."""
     ends = p.end_positions(np.linspace(0.0, end_time, intervals + 1))
     return float(np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max())
-
-
-def end_tables(p: Parameters, begin: int, steps: int, steps_per_second: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return both ends [m] and their accelerations with damping [m/s^2] from step `begin` on (2 dims, steps + 1)."""
-    count = steps + 1
-    ends, accelerations = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
-    ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
-    derivatives = (0, 2, 1) if p.mass_damping else (0, 2)
-    for (end, axis), function in p.motions.items():
-        row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
-        tables = function.all_at_steps(begin, steps, steps_per_second, derivatives, ends[row, 0])
-        ends[row] = tables[0]
-        accelerations[row] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
-    return ends, accelerations
-
-
-def end_velocities(p: Parameters, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
-    """Return the velocities of both ends from step `begin` on (2 dims, steps + 1) [m/s]; no columns where no end moves."""
-    velocities = np.zeros((2 * p.dims, steps + 1 if p.motions else 0))
-    for (end, axis), function in p.motions.items():
-        row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
-        velocities[row] = function.at_steps(begin, steps, steps_per_second, 1)
-    return velocities
