@@ -33,7 +33,7 @@ PARTS = [
 ]
 #: Tables, and the ratio by which the mean of the top tension changes with them at least.
 CASES: dict[str, tuple[dict[str, Any], float]] = {
-    "body": ({"attachment": [{"arc_length": 0.1, "mass": 60.0, "drag_area": 0.3}]}, 1e-3),
+    "body": ({"attachment": [{"arc_length": 0.1, "mass": 60.0, "drag_area": 1.0}]}, 1e-3),
     "segments": ({"segment": PARTS}, 0.02),
     "spring": ({"attachment": [{"arc_length": 0.3, "spring": 3000.0, "direction": [0.0, 0.0, 1.0]}]}, 1e-5),
     "damper": (
