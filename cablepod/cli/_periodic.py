@@ -163,7 +163,8 @@ def _saying_of_damping(scene: xr.Dataset) -> Iterator[None]:
     """Say before a long run that there is no damping; the warning after it is left out then."""
     with warnings.catch_warnings():
         p = parameters(scene)
-        if not (p.mass_damping or p.damping_ratios):
+        dampers = any(attachment.damper for attachment in p.attachments)
+        if not (p.mass_damping or p.tension_damping or p.damping_ratios or dampers):
             _group.note(
                 "damping is zero: responses that are not unstable are neutral, not attracting, and may have so many branches "
                 "that it takes minutes; give damping.mass_proportional"

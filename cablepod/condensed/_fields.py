@@ -10,6 +10,7 @@ import numpy as np
 
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._model import CondensedModel
+from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._laws import law_tension
 from cablepod.integrate._means import Means, means, wants_means
@@ -108,8 +109,9 @@ def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarr
     tau = boundary_data[:, 1 : 1 + len(patterns)] @ patterns
     if model.order == "leading":
         reduced = squared * model.slope_factor
-        compliance = chain.p.stiffness / chain.axial_stiffness if chain.p.segments else None
-        chord_tension, stretch = close_leading(reduced, tau, chain.length, chord, chain.p.stiffness, compliance)
+        chord_tension, stretch = close_leading(
+            reduced, tau, chain.length, chord, chain.p.stiffness, relative_compliance(chain)
+        )
     else:
         from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
 
@@ -152,6 +154,11 @@ def deflections(
     return deflection, slope[0] if len(sets) == 1 else slope.sum(axis=0)
 
 
+def relative_compliance(chain: LumpedChain) -> np.ndarray | None:
+    """Return the stiffness under one tension over that of each link (n,); None where the cable has one stiffness."""
+    return np.asarray(chain.p.stiffness / chain.axial_stiffness) if chain.p.segments else None
+
+
 def close_leading(
     squared: np.ndarray,
     tau: np.ndarray,
@@ -172,7 +179,7 @@ def close_leading(
         Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K, a number or (1,) [N]; of
         a cable of several segments that under one tension.
     compliance
-        That stiffness over the one of each link (n,); None where the cable has one stiffness.
+        See :func:`relative_compliance`.
 
     Returns
     -------
@@ -249,9 +256,9 @@ def _stretch_derivatives(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return derivatives of the chordwise stretch (times, n) by N / K, and by minus half the squared slope."""
     if model.order == "leading":
-        chain = model.chain
-        compliance = chain.p.stiffness / chain.axial_stiffness if chain.p.segments else np.ones(chain.links)
-        return compliance, np.broadcast_to(model.slope_factor, stretch.shape)
+        compliance = relative_compliance(model.chain)
+        by_force = np.ones(model.chain.links) if compliance is None else compliance
+        return by_force, np.broadcast_to(model.slope_factor, stretch.shape)
     if model.green:
         tangent = 3.0 * stretch * stretch + squared - 1.0
         return 2.0 / tangent, 2.0 * stretch / tangent

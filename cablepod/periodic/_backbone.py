@@ -14,7 +14,6 @@ from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import AMPLITUDE, SLACK
@@ -91,7 +90,6 @@ def backbone(
     one_member(scene, "backbone")
     p = Members(scene)[0]
     refuse_wind(p)
-    refuse_nonuniform(p, "chain.simulate")
     forcing = Forcing(unforced(p), 1.0, 0.0, "m")
     model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
     length = float(model.condensed.chain.total_length)

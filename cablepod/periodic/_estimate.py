@@ -9,6 +9,7 @@ import xarray as xr
 
 from cablepod.condensed._vibration import vibration_modes
 from cablepod.errors import RunStopped, SceneError
+from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.periodic import _fields as fields
 from cablepod.periodic._continuation import Branch, Limits, adapted, trace
 from cablepod.periodic._events import Event, can_be_told_apart, events_between, signs
@@ -22,6 +23,19 @@ MORE_MODES = 2
 #: Number of points in each direction within which a bifurcation is looked for.
 POINTS = 30
 FOUND = "found"
+
+
+def refuse_things(model: PeriodicModel) -> None:
+    """Refuse cables of several parts or with attachments, which order "exact" lacks.
+
+    Raises
+    ------
+    SceneError
+        The message names the table.
+    """
+    refuse_nonuniform(
+        model.condensed.chain.p, 'more modes, without the output "error_estimate", which is by a model of order "exact"'
+    )
 
 
 def richer_solver(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, out_of_plane: bool) -> tuple[Solver, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.condensed._fields import close_leading, link_tensions
+from cablepod.condensed._fields import close_leading, link_tensions, relative_compliance
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import State
@@ -59,7 +59,7 @@ def largest_deflection(model: PeriodicModel, q: np.ndarray) -> float:
 def boundary_data(model: PeriodicModel, omega: float, phase: np.ndarray) -> np.ndarray:
     """Return the boundary data of the condensed model at phases [rad], for an angular frequency [rad/s]."""
     parts = model.boundary_data(phase)
-    return parts[0] + omega * model.condensed.chain.p.damping * parts[1] + omega**2 * parts[2]
+    return parts[0] + omega * parts[1] + omega**2 * parts[2]
 
 
 def close_chord(
@@ -73,7 +73,8 @@ def close_chord(
     tau = data[:, 1 : 1 + len(condensed.load_patterns)] @ condensed.chordwise_force_patterns
     k = chain.p.stiffness
     if condensed.order == "leading":
-        tension, stretch = close_leading(squared * condensed.slope_factor, tau, chain.length, data[:, 0], k)
+        reduced = squared * condensed.slope_factor
+        tension, stretch = close_leading(reduced, tau, chain.length, data[:, 0], k, relative_compliance(chain))
     else:
         from cablepod.condensed import _kernels_closure  # numba is imported only to compute
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from cablepod.errors import scene_error
-from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
@@ -33,7 +32,6 @@ def periodic_forcing(p: Parameters) -> Forcing:
         For a scene without forcing, and for forcing that is not of one angular frequency.
     """
     refuse_wind(p)
-    refuse_nonuniform(p, "chain.simulate")
     functions = p.time_functions()
     if not functions:
         raise scene_error("motion", "none", f"at least one motion, or load with a factor, of kind {ALLOWED_KINDS}")
@@ -112,6 +110,7 @@ def at_frequency(p: Parameters, omega: float) -> Parameters:
 def unforced(p: Parameters) -> Parameters:
     """Return the scene without damping, its ends and loads held as they are at time 0."""
     lower, upper = p.initial_ends
+    attachments = tuple(replace(attachment, damper=0.0) for attachment in p.attachments)
     load = None if p.load is None else p.load_at(0.0) - p.weight
     points = tuple(
         load if load.factor is None else replace(load, force=load.force * float(load.factor(0.0)), factor=None)
@@ -119,5 +118,5 @@ def unforced(p: Parameters) -> Parameters:
     )
     return replace(
         p, lower=lower, upper=upper, motions={}, load=load, load_factor=None, point_loads=points, mass_damping=None,
-        tension_damping=None, damping_ratios=None, initial={}, duration=1.0,
+        tension_damping=None, damping_ratios=None, attachments=attachments, initial={}, duration=1.0,
     )  # fmt: skip

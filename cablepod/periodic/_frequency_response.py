@@ -126,6 +126,8 @@ def frequency_response(
     names = given_names("follow", follow, FOLLOW)
     one_member(scene, "frequency_response")
     model, _ = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
+    if "error_estimate" in wanted:
+        estimate.refuse_things(model)
     study = _Study(solver_of(model), (low, high), names, int(points), harmonics or MIN_HARMONICS, progress)
     study.run()
     result = labelled(study, wanted)

@@ -1,6 +1,6 @@
-"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by tension or ratios.
+"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by tension, ratios, dampers.
 
-The forces of order "exact" at all samples are evaluated together by array expressions.  Without damping by tension or ratios,
+The forces of order "exact" at all samples are evaluated together by array expressions.  Without such damping
 multipliers follow by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D does not factor out and
 may depend on time, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the
 determinant exp(-int tr D dt).
@@ -34,7 +34,7 @@ class Forces(NamedTuple):
 
 def solver_of(model: PeriodicModel) -> Solver:
     """Return the solver of a model: the compiled one where it covers the forces."""
-    depends_on_rates = model.tension_damping or model.modal_damping.any()
+    depends_on_rates = model.tension_damping or model.damping_matrix.any()
     return GeneralSolver(model) if model.condensed.order != "leading" or depends_on_rates else Solver(model)
 
 
@@ -61,10 +61,13 @@ class GeneralSolver(Solver):
         rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
         evaluate = self._leading if self.model.condensed.order == "leading" else self._exact
         forces, n = evaluate(q, rates, state.omega, state.periods), q.shape[1]
-        matrix = self.model.modal_damping[:n, :n]
+        matrix = self.model.damping_matrix[:n, :n]
         if not matrix.any():
             return forces
-        return forces._replace(force=forces.force - rates @ matrix.T, damping=np.tile(matrix, (phases, 1, 1)))
+        damping = np.tile(matrix, (phases, 1, 1))
+        if forces.damping is not None:
+            damping += forces.damping
+        return forces._replace(force=forces.force - rates @ matrix.T, damping=damping)
 
     def _leading(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "leading", with damping by the tension."""
@@ -83,9 +86,9 @@ class GeneralSolver(Solver):
         model, condensed, chain = self.model, self.model.condensed, self.model.condensed.chain
         frequency, length, _ = model.scales
         n, k = q.shape[1], chain.p.stiffness
-        rows, damping = model.rows(len(q), periods), model.damping
-        data = rows[0] + omega * damping * rows[1] + omega**2 * rows[2]
-        change = damping * rows[1] + 2.0 * omega * rows[2]
+        rows = model.rows(len(q), periods)
+        data = rows[0] + omega * rows[1] + omega**2 * rows[2]
+        change = rows[1] + 2.0 * omega * rows[2]
         patterns = len(condensed.load_patterns)
         tau, tau_rate = (part[:, 1 : 1 + patterns] @ condensed.chordwise_force_patterns for part in (data, change))
         slopes = [np.diff(shapes, axis=1) / chain.length for shapes in model.sets]

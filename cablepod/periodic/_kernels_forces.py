@@ -63,13 +63,13 @@ def leading_samples(z, basis, forced, stride, force, force_rate, tangent):
             for a in range(n):
                 q[a] += basis[j, c] * z[c * n + a]
         if force.size == 0:
-            _sum_rows(forced.rows, j * stride, omega * forced.damping, omega * omega, row)
+            _sum_rows(forced.rows, j * stride, omega, omega * omega, row)
             _chord_tensions(sizes, terms, row, 0, q, tension)
             least = min(least, _least_force(forced, row, tension[0]))
         # forces are linear in the boundary data: their difference for a change of these is their derivative
         for part in range(0 if has_rate else 1, 2 if force.size > 0 else 1):
             change = 1.0 - part
-            second, third = (omega + change) * forced.damping, omega * (omega + 2.0 * change)
+            second, third = omega + change, omega * (omega + 2.0 * change)
             _sum_rows(forced.rows, j * stride, second, third, row)
             _forces(sizes, terms, row, 0, q, tension, force[j])
             for a in range(n if has_rate else 0):
@@ -101,7 +101,7 @@ def damped_samples(q, v, omega, forced, rate_terms, force, force_rate, tangent, 
     for k in range(phases):
         for part in range(2):
             change = SMALL_CHANGE * (1.0 - part)
-            second, third = (omega + change) * forced.damping, omega * (omega + 2.0 * change)
+            second, third = omega + change, omega * (omega + 2.0 * change)
             _sum_rows(forced.rows, k, second, third, row)
             _forces(sizes, terms, row, 0, q[k], tension, force[k])
             _add_rate_forces(sizes, terms, rate_terms, row, 0, tension, v[k], work, force[k])

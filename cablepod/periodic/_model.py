@@ -288,15 +288,17 @@ class PeriodicModel:
         return float(self.condensed.chain.p.tension_damping or 0.0) * self.scales[0]
 
     @cached_property
-    def modal_damping(self) -> np.ndarray:
-        """Damping matrix of the ratios of the scene without dimension (r, r); zero without them.
+    def damping_matrix(self) -> np.ndarray:
+        """Damping matrix of ratios and attached dampers without dimension (r, r); zero without them.
 
-        That of the condensed model; out of the plane of a planar scene the ratios count from its first vibration anew.
+        Those of the condensed model; out of the plane of a planar scene the ratios count from its first vibration anew, and
+        dampers, which lie in the plane, do not act.
         """
-        result, known = np.zeros((self.size, self.size)), self.condensed.damping_matrix / self.scales[0]
-        result[: len(known), : len(known)] = known
-        ratios, lateral = self.condensed.chain.p.damping_ratios, slice(len(known), None)
-        if ratios is not None and self.size > len(known):
+        result, count = np.zeros((self.size, self.size)), len(self.condensed.shapes)
+        for known in (self.condensed.damping_matrix, self.condensed.damper_matrix):
+            result[: len(known), : len(known)] += known / self.scales[0]
+        ratios, lateral = self.condensed.chain.p.damping_ratios, slice(count, None)
+        if ratios is not None and self.size > count:
             stiffness = self.tangent_at_rest[lateral, lateral]
             result[lateral, lateral] = modal_damping(ratios, stiffness, np.ones(len(stiffness))) / self.scales[0]
         return result
@@ -304,23 +306,26 @@ class PeriodicModel:
     @property
     def any_damping(self) -> float:
         """A number above 0 where the scene has damping."""
-        return self.damping + self.tension_damping + float(np.trace(self.modal_damping))
+        return self.damping + self.tension_damping + float(np.trace(self.damping_matrix))
 
     @cached_property
     def highest_frequency(self) -> float:
         """Highest frequency about rest, without dimension."""
         return float(np.sqrt(np.abs(np.linalg.eigvalsh(self.tangent_at_rest)).max())) / self.scales[0]
 
-    @property
+    @cached_property
     def fastest_rate(self) -> float:
         """Rate that the steps of the scheme for multipliers resolve, without dimension."""
-        return max(self.highest_frequency, 0.5 * self.damping)
+        return max(self.highest_frequency, 0.5 * self.damping, 0.5 * float(np.linalg.norm(self.damping_matrix, 2)))
 
     @cached_property
     def slowest_decay(self) -> float:
         """Rate at which the slowest disturbance about rest decays, without dimension; 0 with damping by mass only."""
-        if self.modal_damping.any():
-            return max(0.5 * float(np.linalg.eigvalsh(self.modal_damping)[0]), 0.0)
+        if self.damping_matrix.any():
+            one, zero = np.eye(self.size), np.zeros((self.size, self.size))
+            damping = self.damping_matrix + self.damping * one
+            system = np.block([[zero, one], [-self.tangent_at_rest / self.scales[0] ** 2, -damping]])
+            return max(-float(np.linalg.eigvals(system).real.max()), 0.0)
         if not self.tension_damping:
             return 0.0
         squared = np.maximum(np.linalg.eigvalsh(self.tangent_at_rest), 0.0) / self.scales[0] ** 2
@@ -350,7 +355,7 @@ class PeriodicModel:
             kind = (
                 f"by the tension of {self.tension_damping / self.scales[0]:.3g} s"
                 if self.tension_damping
-                else "by ratios"
+                else "by ratios or dampers"
             )
             raise RunStopped(
                 f"damping {kind} leaves nothing of a disturbance after "
@@ -362,33 +367,49 @@ class PeriodicModel:
         """Whether the forcing stays in the plane, so that motion out of it is a matter of stability."""
         if self.size == self.n_in_plane:
             return True
+        if self._things_couple:
+            return False
         normal = self.rows(64, 1)[..., -len(self.load_projection) :]
         load = np.abs(normal @ self.load_projection)
         inside, outside = load[..., : self.n_in_plane].max(), load[..., self.n_in_plane :].max()
         return bool(outside <= PLANAR_RTOL * max(inside, 1e-300)) or not outside
 
+    @property
+    def _things_couple(self) -> bool:
+        """Whether dampers or springs couple motion in the plane with that out of it."""
+        inside, outside = slice(0, self.n_in_plane), slice(self.n_in_plane, len(self.condensed.shapes))
+        found = [
+            matrix
+            for matrix in (self.condensed.damper_matrix, *self.condensed.geometric_stiffness)
+            if matrix.size and np.abs(matrix[inside, outside]).max(initial=0.0) > PLANAR_RTOL * np.abs(matrix).max()
+        ]
+        return bool(found)
+
     # --- forcing --------------------------------------------------------------------------------------------------------
 
     def boundary_data(self, phase: np.ndarray) -> np.ndarray:
-        """Return boundary data (3, phases, columns) as terms with the factors 1, omega times damping, omega squared."""
-        p = self.condensed.chain.p
+        """Return boundary data (3, phases, columns) as terms with the factors 1, omega, omega squared [rad/s]."""
+        condensed, p = self.condensed, self.condensed.chain.p
         ends = np.ascontiguousarray(p.end_positions(phase).reshape(-1, 2 * p.dims).T)
         still = np.zeros((2 * p.dims, phase.size if p.motions else 0))
-        parts = [self.condensed._project_loads(ends, still, phase, 0, 0.0)]
-        for derivative in (1, 2):
-            if not p.motions:
-                parts.append(np.zeros_like(parts[0]))
-                continue
-            rates = np.ascontiguousarray(p.end_positions(phase, derivative).reshape(-1, 2 * p.dims).T)
-            parts.append(self.condensed._project_loads(ends, rates, phase, 0, 0.0) - parts[0])
-        return np.stack(parts)
+        first = condensed._project_loads(ends, still, phase, 0, 0.0)
+        if not p.motions:
+            return np.stack([first, np.zeros_like(first), np.zeros_like(first)])
+        rates, accelerations = (
+            np.ascontiguousarray(p.end_positions(phase, derivative).reshape(-1, 2 * p.dims).T) for derivative in (1, 2)
+        )
+        second = p.damping * (condensed._project_loads(ends, rates, phase, 0, 0.0) - first)
+        if condensed.damper_matrix.size:
+            second += condensed._project_loads(ends, still, phase, 0, 0.0, rates) - first
+        return np.stack([first, second, condensed._project_loads(ends, accelerations, phase, 0, 0.0) - first])
 
     def rows(self, phases: int, periods: int) -> np.ndarray:
         """Return the boundary data at equidistant phases of `periods` periods of the forcing, see :class:`Forced`."""
         key = (phases, periods)
         if key not in self._rows:
             rows = self.boundary_data(2.0 * np.pi * periods / phases * np.arange(phases))
-            rows[1:] *= self.scales[0] ** 2  # factors are of frequencies without dimension
+            rows[1] *= self.scales[0]  # factors are of frequencies without dimension
+            rows[2] *= self.scales[0] ** 2
             self._rows[key] = np.ascontiguousarray(rows)
         return self._rows[key]
 

@@ -116,6 +116,8 @@ def orbit(
 
     def one(scene: xr.Dataset, _: Callable[[float], None]) -> xr.Dataset:
         model, omega = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
+        if "error_estimate" in wanted:
+            estimate.refuse_things(model)
         solver = solver_of(model)
         state = find(solver, omega / model.scales[0], periods, harmonics, start)
         result = labelled(solver, state, wanted)

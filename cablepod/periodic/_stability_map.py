@@ -85,7 +85,7 @@ def stability_map(
     Where the response folds back, another one is looked for from rest, and from the last one made larger and moved by
     parts of a period.
 
-    With damping by the tension or by ratios a point takes some milliseconds instead of a tenth of one.
+    With damping by the tension, by ratios or by dampers a point takes some milliseconds instead of a tenth of one.
     """
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
@@ -98,7 +98,7 @@ def stability_map(
         check_bytes(size, "frequency and amplitude", f"{omegas.size} x {amplitudes.size} points, {size / 1e9:.3g} GB")
         factors = amplitudes / model.forcing.amplitude
         models = [model.with_amplitude(float(factor)) for factor in factors]
-        compute = compute_general_map if model.tension_damping or model.modal_damping.any() else compute_map
+        compute = compute_general_map if model.tension_damping or model.damping_matrix.any() else compute_map
         found = MapResult.empty((amplitudes.size, omegas.size))
         try:
             compute(model, models, omegas, amplitudes, found, progress)
