@@ -149,7 +149,8 @@ class CondensedStepper:
         dampers = run.model.damper_matrix
         if damping is None and run.air is None and not matrix.size and not dampers.size:
             return None, None
-        half = 0.5 * self.step * dampers
+        impulse = float(self._damped.impulse[0])  # as of all forces beside the damping by mass, for the second order
+        half = 0.5 * impulse * dampers
         of_step = np.linalg.solve(np.eye(len(half)) + half, half).reshape(-1)
         terms, air = RateTerms(damping or 0.0, matrix, of_step), None
         if run.air is not None:
