@@ -1,8 +1,8 @@
-"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by tension, ratios, dampers.
+"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping not by mass alone.
 
-The forces of order "exact" at all samples are evaluated together by array expressions.  Without such damping
-multipliers follow by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D does not factor out and
-may depend on time, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the
+The forces of order "exact" at all samples are evaluated together by array expressions.  Without damping by tension, ratios or
+dampers multipliers follow by Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D does not factor
+out and may depend on time, and A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the
 determinant exp(-int tr D dt).
 """
 

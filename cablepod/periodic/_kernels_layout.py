@@ -14,7 +14,5 @@ class Forced(NamedTuple):
 
     terms: LeadingTerms
     candidates: np.ndarray  #: chordwise force patterns where their sum may be least (patterns, candidates)
-    rows: (
-        np.ndarray
-    )  #: boundary data as three terms with the factors 1, omega and omega squared (3, M, columns)
+    rows: np.ndarray  #: boundary data as three terms with the factors 1, omega and omega squared (3, M, columns)
     damping: float  #: by mass

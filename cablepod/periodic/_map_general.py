@@ -1,4 +1,4 @@
-"""Maps of stability by the general solver, for damping by the tension: responses of all frequencies, amplitude by amplitude."""
+"""Maps of stability by the general solver, where damping is not by mass alone: all frequencies, amplitude by amplitude."""
 
 from __future__ import annotations
 

@@ -313,10 +313,10 @@ class PeriodicModel:
         """Highest frequency about rest, without dimension."""
         return float(np.sqrt(np.abs(np.linalg.eigvalsh(self.tangent_at_rest)).max())) / self.scales[0]
 
-    @cached_property
+    @property
     def fastest_rate(self) -> float:
         """Rate that the steps of the scheme for multipliers resolve, without dimension."""
-        return max(self.highest_frequency, 0.5 * self.damping, 0.5 * float(np.linalg.norm(self.damping_matrix, 2)))
+        return max(self.highest_frequency, 0.5 * self.damping)
 
     @cached_property
     def slowest_decay(self) -> float:

@@ -52,7 +52,8 @@ def orbit(
         angular frequency.  Scenes with ``member`` are computed one by one; where periods differ, the instants of each member are
         ``member_time (member, time)`` [s] in place of ``time``.
     modes
-        Modes of layout "normal", of :func:`cablepod.pod.decompose` or :func:`cablepod.condensed.vibration_modes`.
+        Modes of layout "normal", of :func:`cablepod.pod.decompose` or :func:`cablepod.condensed.vibration_modes`; those of the
+        scene with its attachments have their kinks.
     rank
         Number of modes of each deflection; all by default.
     order
@@ -69,7 +70,8 @@ def orbit(
         Whether disturbances out of the plane are judged in a planar scene.  Its modes out of the plane are vibrations about rest.
     outputs
         Some of "position" (at 128 instants of each period of the forcing), "tension", "tension_extremes", "harmonics" and
-        "error_estimate", which takes some ten times as long as the orbit.
+        "error_estimate", which takes some ten times as long as the orbit; not of cables with segments or attachments, as order
+        "exact".
     progress
         Callback receiving the completed fraction of the members, which never falls and ends at 1.
 

@@ -41,11 +41,11 @@ CALLS: dict[str, Callable[[Any, Any, Any], Any]] = {
     "galerkin.simulate": lambda scene, modes, fields: cp.galerkin.simulate(scene, fields),
     "condensed.simulate, exact": lambda scene, modes, fields: cp.condensed.simulate(scene, modes, order="exact"),
     "condensed.prepare": lambda scene, modes, fields: cp.condensed.prepare(scene, modes),
-    "periodic.orbit": lambda scene, modes, fields: cp.periodic.orbit(scene, modes),
+    "periodic.orbit, exact": lambda scene, modes, fields: cp.periodic.orbit(scene, modes, order="exact"),
+    "periodic.orbit, estimate": lambda scene, modes, fields: cp.periodic.orbit(scene, modes, outputs="error_estimate"),
     "periodic.frequency_response": lambda scene, modes, fields: cp.periodic.frequency_response(
-        scene, modes, frequency=(2.9, 3.1)
+        scene, modes, frequency=(2.9, 3.1), outputs="error_estimate"
     ),
-    "periodic.backbone": lambda scene, modes, fields: cp.periodic.backbone(scene, modes, amplitude=0.1),
 }
 
 
