@@ -51,6 +51,8 @@ def guy(damping: float = 0.5, **tables: Any) -> Any:
     cable["density"] = cable.pop("specific_weight") / 9.81
     upper = {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": OMEGA}
     mapping["motion"] = {"upper": {"x": upper}, "lower": {"y": upper | {"amplitude": 0.01}}}
+    if "load" in tables:
+        del mapping["motion"]
     mapping["damping"] = {"mass_proportional": damping}
     return cp.make_scene(mapping)
 
@@ -209,17 +211,21 @@ def test_the_model_settles_on_the_orbit(case: str) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")
-def test_a_damper_oblique_to_the_plane_moves_the_cable_out_of_it() -> None:
-    ends = {"lower": [0.0, 0.0, 0.0], "upper": [20.4, 57.7, 0.0]}
-    attached = [{"arc_length": 0.1, "damper": 1000.0, "direction": [0.5, 0.0, 0.8]}]
-    scene = guy(ends=ends, attachment=attached)
+@pytest.mark.parametrize("forcing", ["motion", "load"])
+@pytest.mark.parametrize("kind", ["damper", slow("spring")])
+def test_a_thing_oblique_to_the_plane_moves_the_cable_out_of_it(kind: str, forcing: str) -> None:
+    given: dict[str, Any] = {"ends": {"lower": [0.0, 0.0, 0.0], "upper": [20.4, 57.7, 0.0]}}
+    if forcing == "load":  # in the plane, between held ends
+        wave = {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": OMEGA}
+        given["load"] = {"uniform": [5.0, 0.0, 0.0], **wave}
+    scene = guy(**given, attachment=[{"arc_length": 0.1, kind: 1000.0, "direction": [0.5, 0.0, 0.8]}])
     modes = cp.condensed.vibration_modes(scene, rank=3)
     orbit = cp.periodic.orbit(scene, modes, outputs=("position",))
     assert set(orbit.multiplier_set.values) == {"coupled"}
     values = settled(scene, modes, ("position",))["position"]
     assert np.abs(orbit.position.values[:-1:4] - values).max() < 1e-6 * np.ptp(values, axis=0).max()
     assert np.ptp(orbit.position.sel(coordinate="z").values, axis=0).max() > 0.01 * np.ptp(values, axis=0).max()
-    planar = cp.periodic.orbit(guy(ends=ends), modes, outputs=())
+    planar = cp.periodic.orbit(guy(**given), modes, outputs=())
     assert set(planar.multiplier_set.values) == {"in_plane", "out_of_plane"}
 
 
