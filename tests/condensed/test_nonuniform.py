@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -217,6 +218,26 @@ def test_a_stiff_damper_holds_its_place(scheme: str) -> None:
     held = int(np.abs(modes.arc_length.values - 0.2 * modes.arc_length.values[-1]).argmin())
     moved = (run.position - run.position[0]).values @ normal
     assert np.abs(moved[:, held]).max() < 1e-3 * np.abs(moved).max()
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.errors.NotConvergedWarning")
+def test_explicit_steps_with_both_dampings_are_of_second_order() -> None:
+    attached = [damper(0.05, 5.0)]
+    tables = {
+        "attachment": attached,
+        "damping": {"mass_proportional": 2.0},
+        "time": {"duration": 3.0, "interval": 0.05},
+    }
+    scene = cp.make_scene(GUY | tables)
+    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
+    runs = [
+        cp.condensed.simulate(
+            scene, modes, scheme="velocity_verlet", step=0.02 / number, outputs=("position",)
+        ).position
+        for number in (8, 16, 32)
+    ]
+    differences = [float(np.abs(coarse - fine).max()) for coarse, fine in pairwise(runs)]
+    assert differences[0] / differences[1] == pytest.approx(4.0, abs=0.3)  # 2 of first order
 
 
 #: Tables, and rms distances that are allowed: twice that of the cable without any of them, which is 0.0007 (waves in the chain);
