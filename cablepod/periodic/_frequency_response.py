@@ -148,7 +148,7 @@ def frequency_response(
     )
     if study.interrupted:
         output.stop_interrupted(result, "periodic.frequency_response", f"{result.sizes['point']} points")
-    output.warn_of_result(result.attrs, model.any_damping)
+    output.warn_of_result(result.attrs, model.undamped)
     return result
 
 

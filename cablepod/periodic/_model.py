@@ -304,9 +304,15 @@ class PeriodicModel:
         return result
 
     @property
-    def any_damping(self) -> float:
-        """A number above 0 where the scene has damping."""
-        return self.damping + self.tension_damping + float(np.trace(self.damping_matrix))
+    def undamped(self) -> str:
+        """What no damping acts on, in words; empty where both deflections are damped."""
+        if self.damping or self.tension_damping:
+            return ""
+        if not self.damping_matrix.any():
+            return "damping is zero"
+        sets = ("in the plane", slice(0, self.n_in_plane)), ("out of the plane", slice(self.n_in_plane, self.size))
+        still = [words for words, part in sets if part.stop > part.start and not self.damping_matrix[part, part].any()]
+        return f"nothing damps motion {still[0]}" if still else ""
 
     @cached_property
     def highest_frequency(self) -> float:

@@ -132,8 +132,8 @@ def axial_attributes(model: PeriodicModel, harmonic_frequency: float) -> dict[st
     return {"first_axial_frequency": axial, "forcing_over_axial_frequency": harmonic_frequency / axial}
 
 
-def warn_of_result(attrs: Mapping[str, Any], damping: float) -> None:
-    """Warn of slack cables, waves along the cable, and of stability that no damping decides."""
+def warn_of_result(attrs: Mapping[str, Any], undamped: str) -> None:
+    """Warn of slack cables, waves along the cable, and of stability that no damping decides: `undamped` tells of what."""
     if attrs.get("smallest_chordwise_force", 1.0) < 0.0:
         warnings.warn(
             f"the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N, below zero: the cable goes slack there, "
@@ -149,9 +149,9 @@ def warn_of_result(attrs: Mapping[str, Any], damping: float) -> None:
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )
-    if not damping:
+    if undamped:
         warnings.warn(
-            "damping is zero: responses that are not unstable are neutral, not attracting; give damping.mass_proportional",
+            f"{undamped}: responses that are not unstable are neutral, not attracting; give damping.mass_proportional",
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )

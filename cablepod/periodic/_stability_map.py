@@ -107,7 +107,7 @@ def stability_map(
                 raise  # nothing to keep
             return labelled(model, found, omegas, amplitudes).assign_attrs(incomplete=1)
         result = labelled(model, found, omegas, amplitudes)
-        output.warn_of_result(result.attrs, model.any_damping)
+        output.warn_of_result(result.attrs, model.undamped)
         return result
 
     result = each_member(scene, one, progress)

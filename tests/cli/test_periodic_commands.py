@@ -101,7 +101,7 @@ def test_missing_damping_is_told_before_the_run_and_not_again(tmp_path, capsys):
         with _periodic._saying_of_damping(cp.read_scene(path)):
             assert "damping is zero" in capsys.readouterr().err
             with warnings.catch_warnings(record=True) as caught:
-                warn_of_result({}, 0.0)
+                warn_of_result({}, "damping is zero")
             assert not caught
 
 

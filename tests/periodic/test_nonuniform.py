@@ -86,7 +86,6 @@ def response_at_middle(omega: float, force: float, place: float, eta: float) -> 
 # --- closed forms -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning")
 def test_the_resonance_with_a_damper_is_that_of_the_string() -> None:
     place, eta = 0.1, 0.4
     force = 1e-4  # stretching changes the stiffness by less than 1e-7
@@ -97,7 +96,9 @@ def test_the_resonance_with_a_damper_is_that_of_the_string() -> None:
     assert 0.01 < ratio < 0.02
     for share in (0.9, 0.98, 1.0, 1.01, 1.1):
         omega = share * first
-        orbit = cp.periodic.orbit(string(omega, attached, force=force), modes, outputs=("position",))
+        orbit = cp.periodic.orbit(
+            string(omega, attached, force=force), modes, outputs=("position",), out_of_plane=False
+        )
         found = 0.5 * np.ptp(orbit.position.sel(coordinate="y").values[:, 100])
         # the frequency errs by 1e-5 of the links, which the flank of the resonance amplifies by up to 1 / 2 zeta
         assert found == pytest.approx(response_at_middle(omega, force, place, eta), rel=1e-3)
@@ -107,6 +108,7 @@ def test_the_resonance_with_a_damper_is_that_of_the_string() -> None:
 
 
 @pytest.mark.parametrize(("place", "kappa"), [(0.04, 0.3), (0.1, 3.0)])
+@pytest.mark.filterwarnings("ignore:nothing damps motion out of the plane")
 def test_multipliers_have_the_decay_of_the_damped_string(place: float, kappa: float) -> None:
     eta = kappa / (np.pi * place)
     roots = roots_with_damper(place, eta, 3) / np.pi * FIRST
@@ -280,6 +282,14 @@ def test_members_of_different_places_are_those_alone() -> None:
         alone = cp.periodic.orbit(scene, modes, outputs=())
         assert float(found.deflection_maximum[k]) == pytest.approx(float(alone.deflection_maximum), rel=1e-12)
     assert not np.isclose(*found.deflection_maximum.values, rtol=1e-3)
+
+
+def test_it_warns_of_a_deflection_that_no_damper_damps() -> None:
+    scene = guy(damping=0.0, **THINGS["damper"])
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    with pytest.warns(cp.OutOfRangeWarning, match="^nothing damps motion out of the plane: responses"):
+        cp.periodic.orbit(scene, modes, outputs=())
+    cp.periodic.orbit(scene, modes, outputs=(), out_of_plane=False)  # without a warning
 
 
 # --- refusals ---------------------------------------------------------------------------------------------------------
