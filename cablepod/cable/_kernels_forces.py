@@ -189,3 +189,13 @@ def _extremes(x, u, order, link_element, link_rows, stiffness, green, ratios, vi
             tension *= ratios[0, link_element[j]]
         low[j] = min(low[j], tension)
         high[j] = max(high[j], tension)
+
+
+@compiled
+def _is_inside(x, bound):
+    """Return whether all coordinates are finite and below `bound`; counts, because a loop with an exit is not vectorised."""
+    outside = 0
+    for coordinate in x.flat:
+        if not abs(coordinate) < bound:
+            outside += 1
+    return outside == 0

@@ -13,6 +13,7 @@ from cablepod.cable._kernels_forces import (
     _assemble,
     _extremes,
     _gradient,
+    _is_inside,
     _law,
     _products,
     _record_slack,
@@ -20,7 +21,6 @@ from cablepod.cable._kernels_forces import (
     forces,
 )
 from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
-from cablepod.chain._kernels_generalized_alpha import _is_inside
 from cablepod.discretisation._kernels_modal_damping import damping_forces
 
 #: Maximum number of Newton iterations.

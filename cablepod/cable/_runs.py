@@ -13,7 +13,8 @@ from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.chain._explicit import ExplicitChainRun
-from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
+from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
+from cablepod.chain._lanes import ROUNDING
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.integrate._march import advance_in_blocks
@@ -228,9 +229,7 @@ class _CableStepper(ImplicitStepper):
             self.slack[2] = number + 1
         return converged
 
-    def _kernel(
-        self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
-    ) -> int:
+    def _kernel(self, time: np.ndarray, step: float, start: int, save: np.ndarray, at: int) -> int:
         from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
 
         run, mesh, p = self.run, self.run.chain, self.run.chain.p
@@ -259,7 +258,7 @@ class _CableStepper(ImplicitStepper):
             _factors(self.varying, time), p.link_viscosity, p.tension_damping, self.modal, *attached, *wind, rows, columns,
             end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
             max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound,
-            start, steps, save, saved, self.element, self.rows, low, high, self.slack,
+            start, time.size - 1, save, self.saved[at : at + save.size], self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
         self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations

@@ -6,10 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
+from cablepod.chain._kernels_arguments import Chain, Record, Sizes, State
+from cablepod.chain._lanes import ImplicitLanes, Kernel, groups_of_lanes
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._modal_damping import NodalDamping
@@ -20,15 +22,11 @@ from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._space_error import COMPANION_NEWTON
 
-if TYPE_CHECKING:
-    from cablepod.chain._lanes import ImplicitLanes
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 #: Newton tolerance: the mean link rotation of the last correction is so small that its second-order effect on the mean tension
 #: is below TENSION_RTOL (a link turned by an angle d is longer by d^2/2, which adds the tension K d^2/2); bounds of d [rad].
 TENSION_RTOL, MIN_ROTATION, MAX_ROTATION = 1e-10, 1e-9, 1e-6
-#: Rounding error of a correction over the coordinates: its maximum, in stiff chains, and its usual size.
-ROUNDING, MIN_ROUNDING = 64.0 * float(np.finfo(float).eps), 8.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -105,8 +103,6 @@ class ImplicitChainRun(NewtonRun):
     @staticmethod
     def groups(steppers: Sequence[ImplicitStepper]) -> list[list[int]]:
         """Return the places of runs of equal shape that are advanced together; others are left to single runs."""
-        from cablepod.chain._lanes import groups_of_lanes
-
         if steppers[0].run.chain.p.damping_ratios is not None or steppers[0].run.attached is not None:
             return []
         return groups_of_lanes(steppers)
@@ -114,8 +110,6 @@ class ImplicitChainRun(NewtonRun):
     @staticmethod
     def together(steppers: Sequence[ImplicitStepper]) -> ImplicitLanes:
         """Return what advances runs of equal shape together."""
-        from cablepod.chain._lanes import ImplicitLanes
-
         return ImplicitLanes(steppers)
 
     def finish(self, lanes: ImplicitLanes, place: int) -> Trajectory:
@@ -170,14 +164,14 @@ def link_stiffness(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
     """
     from cablepod.chain import _kernels_links as kernel  # numba is imported only to compute
 
-    dims, x = chain.p.dims, np.ascontiguousarray(position.T)
-    still, f = np.zeros_like(x), np.zeros((dims, chain.links + 2))
-    s = np.zeros((3 if dims == 2 else 6, chain.links + 2))
-    of_links = chain.k, chain.length, chain.inverse_squares, None, None, 0.0
-    if dims == 2:
-        kernel.link_forces_planar(*x, *still, *of_links, *f, *s)
-    else:
-        kernel.link_forces_spatial(*x, *still, *of_links, *f, s)
+    dims, links, none = chain.p.dims, chain.links, np.empty(0)
+    sizes = Sizes((0,), (0,) * dims)
+    inverse_squares = none if chain.inverse_squares is None else chain.inverse_squares
+    numbers = Chain(0, links + 1, chain.k, chain.length, inverse_squares, *[none] * 6, none.reshape(0, 0))
+    reach, t, g = np.empty(dims * links), np.empty(links), np.empty(links)
+    f, s = np.zeros(dims * (links + 1) + 1), np.zeros((3 * dims - 3, links + 2))
+    kernel.elastic_links(sizes, numbers, position.T.reshape(-1), reach, t, g)
+    kernel.assemble_links(sizes, 1.0, reach, t, g, f, s.reshape(-1))
     return s
 
 
@@ -232,6 +226,10 @@ class ImplicitStepper:
         result[:, free] = values[free].T
         return result
 
+    @cached_property
+    def _lane(self) -> Kernel:
+        return Kernel([self], 1)
+
     def advance(self, start: int, steps: int) -> int:
         """Take steps on the grid of the run; returns the number of steps done."""
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
@@ -239,7 +237,7 @@ class ImplicitStepper:
             np.arange(start, start + steps + 1) / self.instants.steps_per_second,
             1.0 / self.instants.steps_per_second,
         )
-        return self._kernel(time, step, start, steps, self.instants.steps[first:last], self.saved[first:last])
+        return self._kernel(time, step, start, self.instants.steps[first:last], int(first))
 
     def substep(self, number: int) -> bool:
         """Take one step in substeps short enough for Newton's method; returns whether it converged."""
@@ -248,7 +246,7 @@ class ImplicitStepper:
             time = (number + np.arange(substeps + 1) / substeps) / self.instants.steps_per_second
             step = 1.0 / (substeps * self.instants.steps_per_second)
             # the beginning of the step was saved at the first attempt
-            return self._kernel(time, step, 0, substeps, np.empty(0, dtype=np.int64), self.saved[:0])
+            return self._kernel(time, step, 0, np.empty(0, dtype=np.int64), 0)
 
         converged = cut_step(take, (self.x, self.v, self.a, self.force))
         self.substepped += converged
@@ -295,82 +293,25 @@ class ImplicitStepper:
         """Number of variables saved in a lane: positions, or also velocities and accelerations."""
         return 3 if self.run.wants_velocity(self.instants) else 1
 
-    def _wind(self, time: np.ndarray) -> tuple[Any, ...]:
-        """Return velocity of the air, places of instants [s] between its samples, drag of cable and bodies for the kernels."""
-        air: Any = self.run.air
-        if air is None:
-            return None, None, None, None
-        return air.velocity, time * air.samples_per_second, air.drags, air.bodies
+    def start(self, step: float) -> tuple[np.ndarray, ...]:
+        """Return the state as the kernels take it, flat, from which the prediction starts anew."""
+        if self.run.method == "energy_momentum":
+            return self.x.reshape(-1), self.v.reshape(-1), step * self.v.reshape(-1)
+        x, v, a, force = (state.reshape(-1) for state in self.state)
+        return x, v, a, force, a.copy(), a.copy()
 
-    def _kernel(
-        self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
-    ) -> int:
+    def _kernel(self, time: np.ndarray, step: float, start: int, save: np.ndarray, at: int) -> int:
         """Call the kernel for steps at the instants `time`; returns the number of steps done."""
-        from cablepod.chain import _kernels_energy_momentum as kernel_energy_momentum
-        from cablepod.chain import (
-            _kernels_generalized_alpha as kernel_generalized_alpha,  # numba is imported only to compute
+        tables, none = self._lane.tables(time), np.empty(0)
+        ends = [table for table in (tables.lower, tables.upper) if table.size]
+        rotation = np.array([self.rotation_by_rounding(np.concatenate(ends) if ends else None)])
+        saved = self.saved.reshape(1, *self.saved.shape[:2], -1)
+        record = Record(start, save, at, saved, *(self.extremes or (none, none)))
+        states = self.start(step)
+        state = State(*states, *[none] * (6 - len(states)))
+        failed, iterations = np.zeros(1, dtype=bool), np.zeros(1, dtype=np.int64)
+        done = self._lane.advance(
+            time, step, tables, state, rotation, np.ones(1, dtype=bool), failed, iterations, record
         )
-
-        run, chain, p = self.run, self.run.chain, self.run.chain.p
-        moving = run.moving
-        ends = p.end_positions(time) if moving else None
-        low, high = self.extremes or (None, None)
-        links = (
-            chain.free_particles.start,
-            chain.free_particles.stop,
-            chain.k,
-            chain.length,
-            chain.inverse_squares,
-            self.mass,
-            p.mass_damping,
-        )
-        loads = (
-            self.loads,
-            self.patterns,
-            np.stack([factor(time) for _, factor in self.varying], axis=1) if self.varying else None,
-            p.link_viscosity,
-            p.tension_damping,
-            self.modal,
-            *((None, None) if run.attached is None else (run.attached.particles, run.attached.numbers)),
-        )
-        end_tables = (
-            np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
-            np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
-        )
-        rotation = self.rotation_by_rounding(ends)
-        last = (run.divergence_bound, start, steps, save, saved, low, high)
-        if run.method == "energy_momentum":
-            done, iterations = kernel_energy_momentum.energy_momentum(
-                self.x,
-                self.v,
-                *links,
-                *loads,
-                *self._wind(0.5 * (time[1:] + time[:-1])),
-                *end_tables,
-                step,
-                MIN_ROUNDING * rotation,
-                ROUNDING * rotation,
-                *last,
-            )
-        else:
-            is_damped = p.link_viscosity is not None or p.tension_damping is not None or run.air is not None
-            is_damped = is_damped or p.damping_ratios is not None or run.attached is not None
-            rates = p.end_positions(time, 1) if is_damped else None
-            done, iterations = kernel_generalized_alpha.generalized_alpha(
-                self.x,
-                self.v,
-                self.a,
-                self.force,
-                *links,
-                *loads,
-                *self._wind(time),
-                *end_tables,
-                rates,
-                step,
-                *run.parameters,
-                max(self.rotation_tolerance, ROUNDING * rotation),
-                ROUNDING * rotation,
-                *last,
-            )
-        self.iterations += iterations
-        return done
+        self.iterations += int(iterations[0])
+        return done - int(failed[0])

@@ -1,208 +1,231 @@
-"""Compiled block-tridiagonal solvers for planar and spatial chains."""
+"""Compiled block tridiagonal solvers for planar and spatial chains, members in lanes.
+
+Both eliminate from the ends towards the middle: two independent chains of operations, which halve the time.
+"""
 
 from __future__ import annotations
 
 from cablepod._jit import FUSED, compiled
 
-# --- block tridiagonal systems ----------------------------------------------------------------------------------------
+# --- planar -----------------------------------------------------------------------------------------------------------
 
 
-@compiled(fastmath=FUSED, forceinline=True)
-def eliminate(a, b, c, s, rx, ry):
-    """Eliminate a particle with the block D = [[a, b], [b, c]], the link S to the next one and the right side r.
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _eliminate_planar(lanes, p, link, block, s, bx, by, matrix, carry):
+    """Eliminate particle `p`; `carry` changes from the sums of its neighbour to those for the next one, through `link`.
 
-    Returns D^-1 S (four numbers), D^-1 r, and the changes of the next particle's block and right side, S D^-1 S (three numbers)
-    and S D^-1 r.  The products do not depend on the division by the determinant, the slowest operation, which runs in parallel.
+    With the block D = [[a, b], [b, c]], the link S to the next particle and the right side r, `matrix` is D^-1 S, r becomes
+    D^-1 r, and `carry` S D^-1 S and S D^-1 r.  The products do not depend on the division by the determinant, the slowest
+    operation, which runs in parallel.
     """
-    scale = 1.0 / (a * c - b * b)
-    sxx, sxy, syy = s
-    # the adjugate of D times S, and S times that
-    mxx, mxy = c * sxx - b * sxy, c * sxy - b * syy
-    myx, myy = a * sxy - b * sxx, a * syy - b * sxy
-    update = (sxx * mxx + sxy * myx) * scale, (sxx * mxy + sxy * myy) * scale, (sxy * mxy + syy * myy) * scale
-    tx, ty = (c * rx - b * ry) * scale, (a * ry - b * rx) * scale
-    return (
-        (mxx * scale, mxy * scale, myx * scale, myy * scale),
-        (tx, ty),
-        update,
-        (sxx * tx + sxy * ty, sxy * tx + syy * ty),
-    )
+    width, size = len(lanes), bx.size
+    row = size + width
+    for m in range(width):
+        i, j = p * width + m, link * width + m
+        a = block[i] + s[i] + s[i + width] - carry[m]
+        b = block[size + i] + s[row + i] + s[row + i + width] - carry[width + m]
+        c = block[2 * size + i] + s[2 * row + i] + s[2 * row + i + width] - carry[2 * width + m]
+        rx, ry = bx[i] + carry[3 * width + m], by[i] + carry[4 * width + m]
+        sxx, sxy, syy = s[j], s[row + j], s[2 * row + j]
+        scale = 1.0 / (a * c - b * b)
+        # the adjugate of D times S, and S times that
+        mxx, mxy = c * sxx - b * sxy, c * sxy - b * syy
+        myx, myy = a * sxy - b * sxx, a * syy - b * sxy
+        carry[m] = (sxx * mxx + sxy * myx) * scale
+        carry[width + m] = (sxx * mxy + sxy * myy) * scale
+        carry[2 * width + m] = (sxy * mxy + syy * myy) * scale
+        tx, ty = (c * rx - b * ry) * scale, (a * ry - b * rx) * scale
+        carry[3 * width + m] = sxx * tx + sxy * ty
+        carry[4 * width + m] = sxy * tx + syy * ty
+        at = 4 * p * width + m
+        matrix[at], matrix[at + width] = mxx * scale, mxy * scale
+        matrix[at + 2 * width], matrix[at + 3 * width] = myx * scale, myy * scale
+        bx[i], by[i] = tx, ty
 
 
-@compiled(fastmath=FUSED, forceinline=True)
-def particle2(diagonal, own, p, below, above, update):
-    """Return the block of a particle, xx, xy, yy, after an update by elimination."""
-    xx = diagonal[p] + below[0] + above[0] - update[0]
-    xy = below[1] + above[1] - update[1]
-    yy = diagonal[p] + below[2] + above[2] - update[2]
-    if own is not None:  # an if that the compiler can prune
-        xx, xy, yy = xx + own[0, p], xy + own[1, p], yy + own[2, p]
-    return xx, xy, yy
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _middle_planar(lanes, p, block, s, bx, by, up, down):
+    """Solve for particle `p`, where both eliminations meet; the first rows of `up` and `down` become the solution."""
+    width, size = len(lanes), bx.size
+    row = size + width
+    for m in range(width):
+        i = p * width + m
+        a = block[i] + s[i] + s[i + width] - up[m] - down[m]
+        b = block[size + i] + s[row + i] + s[row + i + width] - up[width + m] - down[width + m]
+        c = block[2 * size + i] + s[2 * row + i] + s[2 * row + i + width] - up[2 * width + m] - down[2 * width + m]
+        rx = bx[i] + up[3 * width + m] + down[3 * width + m]
+        ry = by[i] + up[4 * width + m] + down[4 * width + m]
+        scale = 1.0 / (a * c - b * b)
+        tx, ty = (c * rx - b * ry) * scale, (a * ry - b * rx) * scale
+        bx[i], by[i] = tx, ty
+        up[m], up[width + m] = tx, ty
+        down[m], down[width + m] = tx, ty
 
 
-@compiled(fastmath=FUSED)
-def solve_planar(diagonal, own, s, b, workspace, first, last):
-    """Solve the block tridiagonal system of a planar chain.
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _substitute_planar(lanes, p, bx, by, matrix, carry):
+    """Solve for particle `p`; the first rows of `carry` change from the solution of its neighbour to its own."""
+    width = len(lanes)
+    for m in range(width):
+        i, at = p * width + m, 4 * p * width + m
+        x, y = carry[m], carry[width + m]
+        bx[i] += matrix[at] * x + matrix[at + width] * y
+        by[i] += matrix[at + 2 * width] * x + matrix[at + 3 * width] * y
+        carry[m], carry[width + m] = bx[i], by[i]
 
-    The row of the free particle p is (diagonal_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the
-    particles before `first` and from `last` on are held.
+
+@compiled(fastmath=FUSED, noalias=True, counted=False)
+def solve_planar(lanes, block, s, bx, by, matrix, up, down, first, last):
+    """Solve the block tridiagonal systems of planar chains.
+
+    The row of the free particle p is (block_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the particles
+    before `first` and from `last` on are held.
 
     Parameters
     ----------
-    diagonal : float array (n + 1,)
-        Inertia over the square of the step, added to the diagonal of each block [N/m].
-    own : float array (3, n + 1) or None
-        xx, xy, yy of what is added to the block of each particle beside [N/m].
-    s : tuple of 3 float arrays (n + 2,)
-        xx, xy, yy of the tangent stiffness of the links [N/m].
-    b : tuple of 2 float arrays (n + 1,)
-        Right side [N]; overwritten by the solution [m] from `first` to `last` - 1.
-    workspace : tuple of 4 float arrays (n + 1,)
+    lanes : tuple
+        Its length is the number of lanes.
+    block, s
+        Of :class:`cablepod.chain._kernels_arguments.Newton`.
+    bx, by : float arrays (n + 1, lanes)
+        Right sides [N]; changed to the solution [m] from `first` to `last` - 1.
+    matrix, up, down : float arrays (n + 1, 4, lanes), (5, lanes)
         Workspace.
     first, last : int
         The free particles.
     """
-    sxx, sxy, syy = s
-    bx, by = b
-    mxx, mxy, myx, myy = workspace
+    for q in range(up.size):
+        up[q] = 0.0
+        down[q] = 0.0
     half = (last - first) // 2
-    up, u = (0.0, 0.0, 0.0), (0.0, 0.0)
-    down, w = up, u
+    middle = first + half
     for i in range(half):
-        # from the lower end
-        p = first + i
-        above = (sxx[p + 1], sxy[p + 1], syy[p + 1])
-        xx, xy, yy = particle2(diagonal, own, p, (sxx[p], sxy[p], syy[p]), above, up)
-        matrix, t, up, u = eliminate(xx, xy, yy, above, bx[p] + u[0], by[p] + u[1])
-        mxx[p], mxy[p], myx[p], myy[p] = matrix
-        bx[p], by[p] = t
-        # from the upper end
+        _eliminate_planar(lanes, first + i, first + i + 1, block, s, bx, by, matrix, up)
         p = last - 1 - i
-        if p > first + half:
-            below = (sxx[p], sxy[p], syy[p])
-            xx, xy, yy = particle2(diagonal, own, p, below, (sxx[p + 1], sxy[p + 1], syy[p + 1]), down)
-            matrix, t, down, w = eliminate(xx, xy, yy, below, bx[p] + w[0], by[p] + w[1])
-            mxx[p], mxy[p], myx[p], myy[p] = matrix
-            bx[p], by[p] = t
-    p = first + half
-    xx, xy, yy = particle2(diagonal, own, p, (sxx[p], sxy[p], syy[p]), (sxx[p + 1], sxy[p + 1], syy[p + 1]), up)
-    _, t, _, _ = eliminate(
-        xx - down[0], xy - down[1], yy - down[2], (0.0, 0.0, 0.0), bx[p] + u[0] + w[0], by[p] + u[1] + w[1],
-    )  # fmt: skip
-    tx, ty = t
-    bx[p], by[p] = tx, ty
-    qx, qy = tx, ty
+        if p > middle:
+            _eliminate_planar(lanes, p, p, block, s, bx, by, matrix, down)
+    _middle_planar(lanes, middle, block, s, bx, by, up, down)
     for i in range(half):
-        p = first + half - 1 - i
-        tx, ty = mxx[p] * tx + mxy[p] * ty + bx[p], myx[p] * tx + myy[p] * ty + by[p]
-        bx[p], by[p] = tx, ty
-        p = first + half + 1 + i
-        if p < last:
-            qx, qy = mxx[p] * qx + mxy[p] * qy + bx[p], myx[p] * qx + myy[p] * qy + by[p]
-            bx[p], by[p] = qx, qy
+        _substitute_planar(lanes, middle - 1 - i, bx, by, matrix, up)
+        if middle + 1 + i < last:
+            _substitute_planar(lanes, middle + 1 + i, bx, by, matrix, down)
 
 
-@compiled(fastmath=FUSED, forceinline=True)
-def inverse3(a, b, c, d, e, f):
+# --- spatial ----------------------------------------------------------------------------------------------------------
+
+
+@compiled(fastmath=FUSED, forceinline=True, counted=False)
+def _inverse(a, b, c, d, e, f):
     """Return the inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]] as six numbers in the same order."""
     p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
     scale = 1.0 / (a * p + b * q + c * r)
     return p * scale, q * scale, r * scale, (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
 
 
-@compiled(fastmath=FUSED, forceinline=True)
-def times3(s, x, y, z):
+@compiled(fastmath=FUSED, forceinline=True, counted=False)
+def _times(s, x, y, z):
     """Return the product of a symmetric matrix (six numbers) and a vector."""
     return s[0] * x + s[1] * y + s[2] * z, s[1] * x + s[3] * y + s[4] * z, s[2] * x + s[4] * y + s[5] * z
 
 
-@compiled(fastmath=FUSED, forceinline=True)
-def sandwich3(s, i):
-    """Return the product S I S of symmetric matrices as six numbers."""
-    a = times3(i, s[0], s[1], s[2])
-    b = times3(i, s[1], s[3], s[4])
-    c = times3(i, s[2], s[4], s[5])
-    xx, xy, xz = times3(s, a[0], a[1], a[2])
-    _, yy, yz = times3(s, b[0], b[1], b[2])
-    _, _, zz = times3(s, c[0], c[1], c[2])
-    return xx, xy, xz, yy, yz, zz
-
-
-@compiled
-def _at3(s, p):
-    """Return the six numbers of column p."""
-    return s[0][p], s[1][p], s[2][p], s[3][p], s[4][p], s[5][p]
-
-
-@compiled(fastmath=FUSED, forceinline=True)
-def block3(diagonal, below, above, update, second_update):
-    """Return the inverse of a particle's block after the updates by elimination."""
-    return inverse3(
-        diagonal + below[0] + above[0] - update[0] - second_update[0],
-        below[1] + above[1] - update[1] - second_update[1],
-        below[2] + above[2] - update[2] - second_update[2],
-        diagonal + below[3] + above[3] - update[3] - second_update[3],
-        below[4] + above[4] - update[4] - second_update[4],
-        diagonal + below[5] + above[5] - update[5] - second_update[5],
-    )
-
-
-@compiled(fastmath=FUSED, forceinline=True)
-def _and_own3(own, p, below):
-    """Return the sum of the link below a particle and what is added to its own block."""
-    if own is None:  # an if that the compiler can prune
-        return below
+@compiled(fastmath=FUSED, forceinline=True, counted=False)
+def _six(values, at, row):
+    """Return six numbers of rows at a distance `row`."""
     return (
-        below[0] + own[0, p], below[1] + own[1, p], below[2] + own[2, p], below[3] + own[3, p], below[4] + own[4, p],
-        below[5] + own[5, p],
+        values[at], values[at + row], values[at + 2 * row], values[at + 3 * row], values[at + 4 * row],
+        values[at + 5 * row],
     )  # fmt: skip
 
 
-@compiled(fastmath=FUSED)
-def solve_spatial(diagonal, own, s, b, inverses, first, last):
-    """Solve the system of a spatial chain; `s` and the workspace `inverses` are tuples of 6 arrays, `b` is one of 3.
+@compiled(fastmath=FUSED, forceinline=True, counted=False)
+def _block(own, below, above, update, second):
+    """Return the inverse of the block of a particle after both updates by elimination."""
+    return _inverse(
+        own[0] + below[0] + above[0] - update[0] - second[0],
+        own[1] + below[1] + above[1] - update[1] - second[1],
+        own[2] + below[2] + above[2] - update[2] - second[2],
+        own[3] + below[3] + above[3] - update[3] - second[3],
+        own[4] + below[4] + above[4] - update[4] - second[4],
+        own[5] + below[5] + above[5] - update[5] - second[5],
+    )
 
-    The six arrays of a symmetric matrix are xx, xy, xz, yy, yz, zz; else as in :func:`solve_planar`.
-    """
-    bx, by, bz = b
+
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _eliminate_spatial(lanes, p, link, block, s, bx, by, bz, inverses, carry):
+    """Eliminate particle `p`, as :func:`_eliminate_planar`; `inverses` is D^-1, and r becomes the right side with the sums."""
+    width, size = len(lanes), bx.size
+    row, none = size + width, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for m in range(width):
+        i, at = p * width + m, 6 * p * width + m
+        onward, update = _six(s, link * width + m, row), _six(carry, m, width)
+        inverse = _block(_six(block, i, size), _six(s, i, row), _six(s, i + width, row), update, none)
+        x, y, z = bx[i] + carry[6 * width + m], by[i] + carry[7 * width + m], bz[i] + carry[8 * width + m]
+        bx[i], by[i], bz[i] = x, y, z
+        for r in range(6):
+            inverses[at + r * width] = inverse[r]
+        tx, ty, tz = _times(inverse, x, y, z)
+        carry[6 * width + m], carry[7 * width + m], carry[8 * width + m] = _times(onward, tx, ty, tz)
+        # S D^-1 S
+        a = _times(inverse, onward[0], onward[1], onward[2])
+        b = _times(inverse, onward[1], onward[3], onward[4])
+        c = _times(inverse, onward[2], onward[4], onward[5])
+        carry[m], carry[width + m], carry[2 * width + m] = _times(onward, a[0], a[1], a[2])
+        _, carry[3 * width + m], carry[4 * width + m] = _times(onward, b[0], b[1], b[2])
+        _, _, carry[5 * width + m] = _times(onward, c[0], c[1], c[2])
+
+
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _middle_spatial(lanes, p, block, s, bx, by, bz, up, down):
+    """Solve for particle `p`, as :func:`_middle_planar`."""
+    width, size = len(lanes), bx.size
+    row = size + width
+    for m in range(width):
+        i = p * width + m
+        inverse = _block(
+            _six(block, i, size), _six(s, i, row), _six(s, i + width, row), _six(up, m, width), _six(down, m, width)
+        )
+        x, y, z = _times(
+            inverse,
+            bx[i] + up[6 * width + m] + down[6 * width + m],
+            by[i] + up[7 * width + m] + down[7 * width + m],
+            bz[i] + up[8 * width + m] + down[8 * width + m],
+        )
+        bx[i], by[i], bz[i] = x, y, z
+        up[m], up[width + m], up[2 * width + m] = x, y, z
+        down[m], down[width + m], down[2 * width + m] = x, y, z
+
+
+@compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
+def _substitute_spatial(lanes, p, link, s, bx, by, bz, inverses, carry):
+    """Solve for particle `p`; the first rows of `carry` change from the solution of its neighbour, through `link`, to its own."""
+    width, row = len(lanes), bx.size + len(lanes)
+    for m in range(width):
+        i = p * width + m
+        rx, ry, rz = _times(
+            _six(s, link * width + m, row), carry[m], carry[width + m], carry[2 * width + m]
+        )
+        x, y, z = _times(_six(inverses, 6 * p * width + m, width), bx[i] + rx, by[i] + ry, bz[i] + rz)
+        bx[i], by[i], bz[i] = x, y, z
+        carry[m], carry[width + m], carry[2 * width + m] = x, y, z
+
+
+@compiled(fastmath=FUSED, noalias=True, counted=False)
+def solve_spatial(lanes, block, s, bx, by, bz, inverses, up, down, first, last):
+    """Solve the systems of spatial chains: `inverses` (n + 1, 6, lanes), `up` and `down` (9, lanes); else as for planar ones."""
+    for q in range(up.size):
+        up[q] = 0.0
+        down[q] = 0.0
     half = (last - first) // 2
-    none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    up, down = none, none
-    u, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    middle = first + half
     for i in range(half):
-        p = first + i
-        above = _at3(s, p + 1)
-        inverse = block3(diagonal[p], _and_own3(own, p, _at3(s, p)), above, up, none)
-        inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
-        bx[p] += u[0]
-        by[p] += u[1]
-        bz[p] += u[2]
-        t = times3(inverse, bx[p], by[p], bz[p])
-        u = times3(above, t[0], t[1], t[2])
-        up = sandwich3(above, inverse)
+        _eliminate_spatial(lanes, first + i, first + i + 1, block, s, bx, by, bz, inverses, up)
         p = last - 1 - i
-        if p > first + half:
-            below = _at3(s, p)
-            inverse = block3(diagonal[p], _and_own3(own, p, below), _at3(s, p + 1), down, none)
-            inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
-            bx[p] += w[0]
-            by[p] += w[1]
-            bz[p] += w[2]
-            t = times3(inverse, bx[p], by[p], bz[p])
-            w = times3(below, t[0], t[1], t[2])
-            down = sandwich3(below, inverse)
-    p = first + half
-    inverse = block3(diagonal[p], _and_own3(own, p, _at3(s, p)), _at3(s, p + 1), up, down)
-    t = times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
-    bx[p], by[p], bz[p] = t
-    q = t
+        if p > middle:
+            _eliminate_spatial(lanes, p, p, block, s, bx, by, bz, inverses, down)
+    _middle_spatial(lanes, middle, block, s, bx, by, bz, up, down)
     for i in range(half):
-        p = first + half - 1 - i
-        r = times3(_at3(s, p + 1), t[0], t[1], t[2])
-        t = times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
-        bx[p], by[p], bz[p] = t
-        p = first + half + 1 + i
+        p = middle - 1 - i
+        _substitute_spatial(lanes, p, p + 1, s, bx, by, bz, inverses, up)
+        p = middle + 1 + i
         if p < last:
-            r = times3(_at3(s, p), q[0], q[1], q[2])
-            q = times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
-            bx[p], by[p], bz[p] = q
+            _substitute_spatial(lanes, p, p, s, bx, by, bz, inverses, down)

@@ -1,28 +1,39 @@
-"""Members of a batch by an implicit scheme, in lanes: arrays of their numbers, laid out for the kernel that advances them."""
+"""Runs by an implicit scheme in lanes: arrays of their numbers, laid out for the kernels that advance them.
+
+A run alone is one lane.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cablepod.chain._implicit import MIN_ROUNDING, ROUNDING, ImplicitStepper
+from cablepod.chain._kernels_arguments import Chain, Lanes, Newton, RateTerms, Record, Sizes, State, Tables
+from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.integrate._march import BLOCK
 
-#: Largest number of lanes.
+if TYPE_CHECKING:
+    from cablepod.chain._implicit import ImplicitStepper
+
+#: Number of lanes of members, a constant of the compiled steps.
 LANES = 32
-#: The number of lanes is a multiple of that of double-precision numbers in the longest vector registers.
-VECTOR = 8
 #: Smallest number of members in lanes, and smallest part of the lanes in use: fewer members are faster alone.
 MIN_MEMBERS, MIN_PART = 5, 0.25
 #: Instants at which the speeds of the ends are compared.
 INSTANTS = 64
+#: Rounding error of a correction over the coordinates: its maximum, in stiff chains, and its usual size.
+ROUNDING, MIN_ROUNDING = 64.0 * float(np.finfo(float).eps), 8.0 * float(np.finfo(float).eps)
+#: With drag, whose tangent leaves out the direction of the cable: tolerance of what remains over that of the last correction.
+REMAINDER = 1e-3
+#: The same with damping by ratios, whose tangent is an approximation: what remains acts against the motion in every step.
+MODAL_REMAINDER = 1e-6
 
 
 def groups_of_lanes(steppers: Sequence[ImplicitStepper]) -> list[list[int]]:
     """Return the places of the runs of each group of lanes: of similar speeds of the ends, which need as many iterations."""
-    if len(steppers) < MIN_MEMBERS or steppers[0].run.chain.p.tension_damping is not None:
+    if len(steppers) < MIN_MEMBERS:
         return []
     time = np.linspace(0.0, float(steppers[0].run.times[-1]), INSTANTS)
     speeds = [np.abs(stepper.run.chain.p.end_positions(time, 1)).max() for stepper in steppers]
@@ -30,77 +41,179 @@ def groups_of_lanes(steppers: Sequence[ImplicitStepper]) -> list[list[int]]:
     return [places.tolist() for places in np.array_split(order, -(-order.size // LANES))]
 
 
+class Kernel:
+    """Arguments of the kernels for runs of equal shape, the last of them repeated up to the number of lanes."""
+
+    def __init__(self, steppers: Sequence[ImplicitStepper], lanes: int) -> None:
+        self._steppers, self._lanes = [*steppers, *[steppers[-1]] * (lanes - len(steppers))], lanes
+        run, first = steppers[0].run, steppers[0]
+        chain, p = run.chain, run.chain.p
+        self._run, dims, links = run, p.dims, chain.links
+        self._sizes = Sizes((0,) * lanes, (0,) * dims)
+        mass = self.flat(lambda one: np.tile(one.mass, dims))
+        none = np.empty(0)
+
+        def of_links(value: Callable[[Any], float | None]) -> np.ndarray:
+            if value(p) is None:
+                return none
+            return self.flat(lambda one: np.full(links, value(one.run.chain.p)))
+
+        viscosity = of_links(lambda p: p.link_viscosity)
+        k = self.flat(lambda one: one.run.chain.k)
+        self._chain = Chain(
+            chain.free_particles.start,
+            chain.free_particles.stop,
+            k,
+            self.flat(lambda one: one.run.chain.length),
+            none if chain.inverse_squares is None else self.flat(lambda one: one.run.chain.inverse_squares),
+            viscosity * k if viscosity.size else none,
+            of_links(lambda p: p.tension_damping),
+            self.flat(lambda one: np.tile(np.append(1.0 / one.run.chain.length, 0.0), dims)),
+            mass,
+            none if p.mass_damping is None else self.flat(lambda one: one.run.chain.p.mass_damping * np.tile(one.mass, dims)),
+            self.flat(lambda one: one.loads),
+            np.array([self.flat(lambda one: one.patterns[i]) for i in range(len(first.varying))]).reshape(-1, mass.size),
+        )  # fmt: skip
+        self._terms = _rate_terms(first)
+        rows, symmetric = dims * (links + 1), 3 * dims - 3
+        sizes = (
+            rows, symmetric * (links + 1), links + 1, dims * links, links, links, rows + 1, symmetric * (links + 2), *(rows,) * 8,
+            links + 1, (2 * dims if dims == 3 else 4) * (links + 1), 10 if dims == 2 else 18, 2, 1, 6 * rows,
+        )  # fmt: skip
+        self._newton = Newton(*(np.zeros(size * lanes) for size in sizes))
+        self._bound = self.flat(lambda one: one.run.divergence_bound)
+
+    def flat(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
+        """Lay out an array of each run in lanes, flat."""
+        return self.stacked(values).reshape(-1)
+
+    def stacked(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
+        """Lay out an array of each run in lanes."""
+        if self._lanes == 1:
+            return np.asarray(values(self._steppers[0]), dtype=float)[..., None]
+        return np.stack([values(stepper) for stepper in self._steppers], axis=-1, dtype=float)
+
+    def tables(self, time: np.ndarray) -> Tables:
+        """Return what changes from step to step, at instants [s]."""
+        run, moving, dims = self._run, self._run.moving, self._run.chain.p.dims
+        none = np.empty((0, dims, self._lanes))
+        ends = self.stacked(lambda one: one.run.chain.p.end_positions(time)) if moving else None
+        varying = self._steppers[0].varying
+        is_conserving = run.method == "energy_momentum"
+        has_rates = self._chain.viscosity.size or self._chain.tension_damping.size or self._terms.modal.matrix.size
+        has_rates = has_rates or self._terms.particles.size or self._terms.wind.size
+        needs_rates = has_rates and not is_conserving
+        instants = 0.5 * (time[1:] + time[:-1]) if is_conserving else time
+        return Tables(
+            self.stacked(lambda one: np.stack([factor(time) for _, factor in one.varying], axis=1))
+            if varying
+            else np.empty((0, 0, self._lanes)),
+            none if ends is None or "lower" not in moving else np.ascontiguousarray(ends[:, 0]),
+            none if ends is None or "upper" not in moving else np.ascontiguousarray(ends[:, 1]),
+            self.stacked(lambda one: one.run.chain.p.end_positions(time, 1)) if needs_rates else none[:, None],
+            np.empty(0) if run.air is None else instants * run.air.samples_per_second,
+        )
+
+    def advance(
+        self,
+        time: np.ndarray,
+        step: float,
+        tables: Tables,
+        state: State,
+        rotation: np.ndarray,
+        is_running: np.ndarray,
+        failed: np.ndarray,
+        iterations: np.ndarray,
+        record: Record,
+    ) -> int:
+        """Call the kernel for steps at the instants `time`; returns the number of steps done.
+
+        `rotation` is that of the links by rounding errors over their relative size (lanes,).
+        """
+        from cablepod.chain import _kernels_energy_momentum, _kernels_generalized_alpha  # numba is imported only here
+
+        run, newton, half_ratio = self._run, self._newton, self._terms.modal.half_ratio
+        alpha_m, alpha_f, beta, gamma = run.parameters
+        remainder = 0.0 if self._terms.wind.size + self._terms.modal.matrix.size == 0 else REMAINDER
+        if run.method == "energy_momentum":
+            advance: Any = _kernels_energy_momentum.energy_momentum
+            inertia, damping, solved = 2.0 / (step * step), 1.0 / step, 2.0 * half_ratio / (step * step)
+            tolerance = MIN_ROUNDING * rotation
+        else:
+            advance = _kernels_generalized_alpha.generalized_alpha
+            rate = gamma / (beta * step)
+            inertia, damping, solved = (1.0 - alpha_m) / (1.0 - alpha_f) / (beta * step * step), rate, half_ratio * rate * rate
+            own = np.array([stepper.rotation_tolerance for stepper in self._steppers])
+            tolerance = np.maximum(own, ROUNDING * rotation)
+            remainder = MODAL_REMAINDER if self._terms.modal.matrix.size else remainder
+        mass, damped = self._chain.mass, self._chain.damped_mass
+        newton.diagonal[:] = inertia * mass + (damping * damped if damped.size else 0.0)
+        newton.solved[:] = newton.diagonal[: newton.solved.size] + solved * mass[: newton.solved.size]
+        size, row = newton.solved.size, 0
+        newton.block[:] = 0.0
+        for c in range(len(self._sizes.dims)):
+            newton.block[row * size : (row + 1) * size] = newton.solved
+            row += len(self._sizes.dims) - c
+        marks = Lanes(is_running, failed, iterations, tolerance, ROUNDING * rotation, remainder, self._bound)
+        numbers = step, alpha_m, alpha_f, beta, gamma
+        done: int = advance(
+            self._sizes, self._chain, self._terms, tables, time.size - 1, numbers, state, marks, record, newton
+        )
+        return done
+
+
+def _rate_terms(stepper: ImplicitStepper) -> RateTerms:
+    """Return the forces on particles of a run that depend on velocities."""
+    attached, air, none = stepper.run.attached, stepper.run.air, np.empty(0)
+    return RateTerms(
+        stepper.modal,
+        np.empty(0, dtype=np.int64) if attached is None else attached.particles,
+        np.empty((0, 0)) if attached is None else attached.numbers,
+        np.empty((0, 0, 0)) if air is None else air.velocity,
+        none if air is None else air.drags,
+        none if air is None or air.bodies is None else air.bodies,
+    )
+
+
 class ImplicitLanes:
     """Runs of equal :attr:`cablepod.chain._implicit.ImplicitChainRun.shape` and step, advanced together in lanes.
 
-    The last lanes may repeat the last run.  A step in which Newton's method fails in some lanes is cut in these alone.
+    A step in which Newton's method fails in some lanes is cut in these alone.
     """
 
     def __init__(self, steppers: Sequence[ImplicitStepper]) -> None:
-        first, padding = steppers[0], -len(steppers) % VECTOR
+        first, count = steppers[0], len(steppers)
         self._steppers, self.instants, self._run = steppers, first.instants, first.run
-        count, chain, p = len(steppers), first.run.chain, first.run.chain.p
-        lanes = count + padding
-        self._running, self._failed = np.arange(lanes) < count, np.zeros(lanes, dtype=bool)
+        self._kernel = Kernel(steppers, LANES)
+        self._running, self._failed = np.arange(LANES) < count, np.zeros(LANES, dtype=bool)
         self.is_finite = self._running[:count]  #: False for runs that are left to a single run (runs,)
         self.total, self._step = int(first.instants.steps[-1]), 1.0 / first.instants.steps_per_second
-        self.work = 25 * count * chain.links  #: of a step, in explicit steps of one link
-        self._saved = np.empty((count, first.instants.steps.size, first.variables, *first.x.shape))
+        self.work = 25 * count * first.run.chain.links  #: of a step, in explicit steps of one link
+        self._saved = np.empty((count, first.instants.steps.size, first.variables, first.x.size))
         for stepper, saved in zip(steppers, self._saved, strict=True):
-            stepper.saved = saved
-        self._states = np.empty((3 if self._is_conserving else 6, first.x.size, lanes))
-        for m, stepper in enumerate([*steppers, *[steppers[-1]] * padding]):
-            self._put(m, stepper)
-        dims, held = p.dims, (chain.free_particles.start, chain.free_particles.stop)
-        self._links = (
-            *held,
-            self._stack(lambda one: one.run.chain.k),
-            self._stack(lambda one: one.run.chain.length),
-            self._stack(lambda one: one.run.chain.inverse_squares) if chain.inverse_squares is not None else None,
-            self._stack(lambda one: np.tile(one.mass, dims)),
-            None if p.mass_damping is None else self._stack(lambda one: np.full(one.x.size, one.run.chain.p.mass_damping)),
-            self._stack(lambda one: one.loads.ravel()),
-            self._stack(lambda one: np.reshape(np.asarray(one.patterns), (len(one.varying), -1))) if first.varying else None,
-        )  # fmt: skip
-        self._viscosity = (
-            None if p.link_viscosity is None else self._stack(lambda one: np.array(one.run.chain.p.link_viscosity))
-        )
-        self._bound = self._stack(lambda one: np.array(one.run.divergence_bound))
-        self._extremes = None if first.extremes is None else tuple(
-            np.full((chain.links, lanes), value) for value in (np.inf, -np.inf)
-        )  # fmt: skip
-        self._iterations, self._rotation = np.zeros(lanes, dtype=np.int64), np.zeros(lanes)
-
-    @property
-    def _is_conserving(self) -> bool:
-        return self._run.method == "energy_momentum"
-
-    def _stack(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
-        """Lay out an array of each run in lanes."""
-        rows = [values(stepper) for stepper in self._steppers]
-        return np.stack([*rows, *rows[-1:] * (self._running.size - len(rows))], axis=-1, dtype=float)
+            stepper.saved = saved.reshape(*saved.shape[:2], *first.x.shape)
+        self._states = np.empty((6, first.x.size, LANES))
+        for m in range(LANES):
+            self._put(m, steppers[min(m, count - 1)])
+        links = 0 if first.extremes is None else first.run.chain.links
+        self._low, self._high = np.full((links, LANES), np.inf), np.full((links, LANES), -np.inf)
+        self._iterations, self._rotation = np.zeros(LANES, dtype=np.int64), np.zeros(LANES)
 
     def _put(self, m: int, stepper: ImplicitStepper) -> None:
         """Set a lane to the state of a run, from which the prediction starts anew."""
-        rows = [stepper.x, stepper.v]
-        if self._is_conserving:
-            rows += [self._step * stepper.v]
-        else:
-            rows += [stepper.a, stepper.force, stepper.a, stepper.a]
-        for state, row in zip(self._states, rows, strict=True):
-            state[:, m] = row.ravel()
+        for state, row in zip(self._states, stepper.start(self._step), strict=False):
+            state[:, m] = row
 
     def stepper(self, place: int) -> ImplicitStepper:
         """Return a run with the state of its lane."""
         stepper = self._steppers[place]
-        targets = (stepper.x, stepper.v) if self._is_conserving else (stepper.x, stepper.v, stepper.a, stepper.force)
-        for target, state in zip(targets, self._states, strict=False):
+        for target, state in zip(stepper.state, self._states, strict=False):
             target[:] = state[:, place].reshape(target.shape)
         stepper.iterations += int(self._iterations[place])
         self._iterations[place] = 0
-        if self._extremes is not None and stepper.extremes is not None:
-            np.minimum(stepper.extremes[0], self._extremes[0][:, place], out=stepper.extremes[0])
-            np.maximum(stepper.extremes[1], self._extremes[1][:, place], out=stepper.extremes[1])
+        if stepper.extremes is not None:
+            np.minimum(stepper.extremes[0], self._low[:, place], out=stepper.extremes[0])
+            np.maximum(stepper.extremes[1], self._high[:, place], out=stepper.extremes[1])
         return stepper
 
     def advance(self, start: int, steps: int) -> np.ndarray:
@@ -109,37 +222,31 @@ class ImplicitLanes:
             for m in range(len(self._steppers)):
                 self._put(m, self.stepper(m))
         time = np.arange(start, start + steps + 1) / self.instants.steps_per_second
-        tables = self._tables(time)
-        for m, stepper in enumerate(self._steppers):
-            self._rotation[m] = self._rotation_of(m, stepper, tables)
-        self._rotation[len(self._steppers) :] = self._rotation[len(self._steppers) - 1]
+        tables = self._kernel.tables(time)
+        for m in range(LANES):
+            self._rotation[m] = self._rotation_of(min(m, len(self._steppers) - 1), tables)
         done = 0
         while done < steps and self._running.any():
-            done += self._kernel(
-                start + done, steps - done, [None if table is None else table[done:] for table in tables]
-            )
+            done += self._call(start + done, time[done:], Tables(*(table[done:] for table in tables)))
             for m in np.flatnonzero(self._failed & self._running).tolist():
                 self._cut(m, start + done - 1)
-                self._rotation[m] = self._rotation_of(m, self._steppers[m], tables)
-            if self._running.sum() < MIN_PART * self._running.size:
+                self._rotation[m] = self._rotation_of(m, tables)
+            if self._running.sum() < MIN_PART * len(self._steppers):
                 self._running[:] = False
         return self.is_finite
 
-    def _tables(self, time: np.ndarray) -> list[np.ndarray | None]:
-        """Return factors of loads, positions of both ends, and their velocities, at instants [s]; None for those not needed."""
-        moving, viscous = self._run.moving, self._viscosity is not None
-        ends = self._stack(lambda one: one.run.chain.p.end_positions(time)) if moving else None
-        return [
-            self._stack(lambda one: np.stack([factor(time) for _, factor in one.varying], axis=1))
-            if self._steppers[0].varying
-            else None,
-            None if ends is None or "lower" not in moving else np.ascontiguousarray(ends[:, 0]),
-            None if ends is None or "upper" not in moving else np.ascontiguousarray(ends[:, 1]),
-            self._stack(lambda one: one.run.chain.p.end_positions(time, 1)) if viscous else None,
-        ]
+    def _call(self, start: int, time: np.ndarray, tables: Tables) -> int:
+        """Call the kernel; returns the number of steps done."""
+        steps = self.instants.steps
+        first, last = np.searchsorted(steps, (start, start + time.size - 1))
+        record = Record(start, steps[first:last], int(first), self._saved, self._low.reshape(-1), self._high.reshape(-1))
+        state = State(*self._states.reshape(6, -1))
+        marks = self._running, self._failed, self._iterations
+        return self._kernel.advance(time, self._step, tables, state, self._rotation, *marks, record)
 
-    def _rotation_of(self, m: int, stepper: ImplicitStepper, tables: list[np.ndarray | None]) -> float:
-        ends = [table[..., m] for table in tables[1:3] if table is not None]
+    def _rotation_of(self, m: int, tables: Tables) -> float:
+        stepper = self._steppers[m]
+        ends = [table[..., m] for table in (tables.lower, tables.upper) if table.size]
         stepper.x[:] = self._states[0, :, m].reshape(stepper.x.shape)
         return stepper.rotation_by_rounding(np.concatenate(ends) if ends else None)
 
@@ -150,24 +257,3 @@ class ImplicitLanes:
             self._put(m, stepper)
         else:
             self._running[m] = False
-
-    def _kernel(self, start: int, steps: int, tables: list[np.ndarray | None]) -> int:
-        """Call the kernel; returns the number of steps done."""
-        from cablepod.chain import _kernels_lane_steps as kernel  # numba is imported only to compute
-
-        factors, lower, upper, rates = tables
-        first, last = np.searchsorted(self.instants.steps, (start, start + steps))
-        low, high = self._extremes or (None, None)
-        links = (self._running, self._failed, self._states, *self._links, factors, self._viscosity, lower, upper)
-        end = (
-            self._bound, start, steps, self.instants.steps[first:last], self._saved[:, first:last], low, high,
-            self._iterations,
-        )  # fmt: skip
-        if self._is_conserving:
-            return kernel.conserving_lanes(
-                *links, self._step, MIN_ROUNDING * self._rotation, ROUNDING * self._rotation, *end
-            )
-        tolerance = self._stack(lambda one: np.array(one.rotation_tolerance))
-        return kernel.alpha_lanes(
-            *links, rates, self._step, *self._run.parameters, np.maximum(tolerance, ROUNDING * self._rotation), *end
-        )
