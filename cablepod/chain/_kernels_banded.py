@@ -18,8 +18,8 @@ def _eliminate_planar(lanes, p, link, block, s, bx, by, matrix, carry):
     D^-1 r, and `carry` S D^-1 S and S D^-1 r.  The products do not depend on the division by the determinant, the slowest
     operation, which runs in parallel.
     """
-    width, size = len(lanes), bx.size
-    row = size + width
+    width, size = len(lanes), max(bx.size, 0)
+    row, p, link = size + width, max(p, 0), max(link, 0)
     for m in range(width):
         i, j = p * width + m, link * width + m
         a = block[i] + s[i] + s[i + width] - carry[m]
@@ -46,8 +46,8 @@ def _eliminate_planar(lanes, p, link, block, s, bx, by, matrix, carry):
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
 def _middle_planar(lanes, p, block, s, bx, by, up, down):
     """Solve for particle `p`, where both eliminations meet; the first rows of `up` and `down` become the solution."""
-    width, size = len(lanes), bx.size
-    row = size + width
+    width, size = len(lanes), max(bx.size, 0)
+    row, p = size + width, max(p, 0)
     for m in range(width):
         i = p * width + m
         a = block[i] + s[i] + s[i + width] - up[m] - down[m]
@@ -65,7 +65,7 @@ def _middle_planar(lanes, p, block, s, bx, by, up, down):
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
 def _substitute_planar(lanes, p, bx, by, matrix, carry):
     """Solve for particle `p`; the first rows of `carry` change from the solution of its neighbour to its own."""
-    width = len(lanes)
+    width, p = len(lanes), max(p, 0)
     for m in range(width):
         i, at = p * width + m, 4 * p * width + m
         x, y = carry[m], carry[width + m]
@@ -153,8 +153,8 @@ def _block(own, below, above, update, second):
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
 def _eliminate_spatial(lanes, p, link, block, s, bx, by, bz, inverses, carry):
     """Eliminate particle `p`, as :func:`_eliminate_planar`; `inverses` is D^-1, and r becomes the right side with the sums."""
-    width, size = len(lanes), bx.size
-    row, none = size + width, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    width, size = len(lanes), max(bx.size, 0)
+    row, p, link, none = size + width, max(p, 0), max(link, 0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for m in range(width):
         i, at = p * width + m, 6 * p * width + m
         onward, update = _six(s, link * width + m, row), _six(carry, m, width)
@@ -177,8 +177,8 @@ def _eliminate_spatial(lanes, p, link, block, s, bx, by, bz, inverses, carry):
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
 def _middle_spatial(lanes, p, block, s, bx, by, bz, up, down):
     """Solve for particle `p`, as :func:`_middle_planar`."""
-    width, size = len(lanes), bx.size
-    row = size + width
+    width, size = len(lanes), max(bx.size, 0)
+    row, p = size + width, max(p, 0)
     for m in range(width):
         i = p * width + m
         inverse = _block(
@@ -198,7 +198,7 @@ def _middle_spatial(lanes, p, block, s, bx, by, bz, up, down):
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
 def _substitute_spatial(lanes, p, link, s, bx, by, bz, inverses, carry):
     """Solve for particle `p`; the first rows of `carry` change from the solution of its neighbour, through `link`, to its own."""
-    width, row = len(lanes), bx.size + len(lanes)
+    width, row, p, link = len(lanes), max(bx.size, 0) + len(lanes), max(p, 0), max(link, 0)
     for m in range(width):
         i = p * width + m
         rx, ry, rz = _times(

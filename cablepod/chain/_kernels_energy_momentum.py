@@ -87,6 +87,6 @@ def energy_momentum(sizes, chain, terms, tables, steps, numbers, state, lanes, r
         _accept(step, state, newton)
         if failed:
             restore(lanes.failed, newton.before, state)
-        if not all_inside(sizes, lanes, state.x, newton.active) or failed:
+        if not all_inside(lanes, state.x) or failed:
             return i + 1
     return steps

@@ -118,6 +118,6 @@ def generalized_alpha(sizes, chain, terms, tables, steps, numbers, state, lanes,
         _accept(chain, numbers, state, newton)
         if failed:
             restore(lanes.failed, newton.before, state)
-        if not all_inside(sizes, lanes, state.x, newton.active) or failed:
+        if not all_inside(lanes, state.x) or failed:
             return i + 1
     return steps

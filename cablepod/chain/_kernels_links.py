@@ -9,6 +9,9 @@ import math
 
 from cablepod._jit import compiled
 
+#: A link of this squared length over the unstretched one is taut, whatever the rounding.
+TAUT = 1.0 + 1e-12
+
 
 @compiled(noalias=True, counted=False)
 def elastic_links(sizes, chain, x, reach, t, g):
@@ -35,6 +38,13 @@ def elastic_links(sizes, chain, x, reach, t, g):
 
 
 @compiled(forceinline=True)
+def _taut_secant(length0, length1, k, length):
+    """Return difference quotient and derivative of a link that is taut at both ends of a step, see :func:`energy_secant`."""
+    total = length0 + length1
+    return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * length1)
+
+
+@compiled(forceinline=True)
 def energy_secant(square0, square1, k, length):
     """Return the difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its derivative by |R1|^2 / 2.
 
@@ -44,7 +54,7 @@ def energy_secant(square0, square1, k, length):
     over0, over1 = length0 - length, length1 - length
     total = length0 + length1
     if over0 > 0.0 and over1 > 0.0:
-        return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * length1)
+        return _taut_secant(length0, length1, k, length)
     if over0 <= 0.0 and over1 <= 0.0:
         return 0.0, 0.0
     # the link is slack at one end of the step: only the part beyond the unstretched length has energy
@@ -63,7 +73,7 @@ def energy_secant(square0, square1, k, length):
 @compiled(noalias=True, counted=False)
 def conserving_links(sizes, chain, x0, x1, reach, t, g):
     """Fill the mean vectors of the links over a step from x0 to x1, difference quotients t of their energies, and slopes g."""
-    lanes, dims, n = len(sizes.lanes), len(sizes.dims), chain.k.size
+    lanes, dims, n, slack = len(sizes.lanes), len(sizes.dims), chain.k.size, 0
     for q in range(n):
         square0, square1 = 0.0, 0.0
         for c in range(dims):
@@ -73,10 +83,14 @@ def conserving_links(sizes, chain, x0, x1, reach, t, g):
             square1 += after * after
             reach[c * n + q] = 0.5 * (before + after)
         t[q], g[q] = square0, square1
+        slack += 0 if min(square0, square1) > TAUT * chain.length[q] * chain.length[q] else 1
     if chain.inverse_squares.size:
         for q in range(n):
             t[q] = 0.25 * chain.k[q] * ((t[q] + g[q]) * chain.inverse_squares[q] - 2.0)
             g[q] = 0.5 * chain.k[q] * chain.inverse_squares[q]
+    elif slack == 0:  # a loop without branches is vectorised
+        for q in range(n):
+            t[q], g[q] = _taut_secant(math.sqrt(t[q]), math.sqrt(g[q]), chain.k[q], chain.length[q])
     else:
         for q in range(n):
             t[q], g[q] = energy_secant(t[q], g[q], chain.k[q], chain.length[q])

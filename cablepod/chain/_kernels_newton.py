@@ -169,7 +169,7 @@ def correct(sizes, chain, on_particles, x, newton):
             sizes.lanes, newton.block, newton.s, b[:size], b[size : 2 * size], b[2 * size :], newton.matrix,
             carry[:half], carry[half:], chain.first, chain.last,
         )  # fmt: skip
-    _rotations(sizes, b, chain.per_length, newton.rotation)
+    _rotations(sizes, b, chain.per_length, newton.known, newton.rotation)
     for row in range(b.size // lanes):
         for m in range(lanes):
             q = row * lanes + m
@@ -195,23 +195,22 @@ def _residual(sizes, chain, f, known, diagonal, d, b):
 
 
 @compiled(fastmath=REORDERED, noalias=True, counted=False)
-def _rotations(sizes, b, per_length, rotation):
+def _rotations(sizes, b, per_length, squares, rotation):
     """Fill the root mean square rotation and stretch of the links by a correction, summed in any order; moves the last one.
 
     It is NaN for a NaN correction: the fast-math options do not assume finite numbers.
     """
     lanes = len(sizes.lanes)
     rows = b.size // lanes
+    for q in range((rows - 1) * lanes):
+        turn = (b[q + lanes] - b[q]) * per_length[q]
+        squares[q] = turn * turn
     for m in range(lanes):
         rotation[lanes + m] = rotation[m]
-        rotation[m] = 0.0
-    for row in range(rows - 1):
-        for m in range(lanes):
-            q = row * lanes + m
-            turn = (b[q + lanes] - b[q]) * per_length[q]
-            rotation[m] += turn * turn
-    for m in range(lanes):
-        rotation[m] = math.sqrt(rotation[m] / rows)
+        total = 0.0
+        for row in range(rows - 1):
+            total += squares[row * lanes + m]
+        rotation[m] = math.sqrt(total / rows)
 
 
 @compiled(noalias=True, counted=False)
@@ -274,20 +273,18 @@ def restore(failed, before, state):
 
 
 @compiled(counted=False)
-def all_inside(sizes, lanes, x, active):
-    """Take lanes with coordinates that are not finite and below their bound out of the run; returns whether there are none.
-
-    It counts them in `active`, because a loop with an exit is not vectorised.
-    """
-    width, result = len(sizes.lanes), True
-    for m in range(width):
-        active[m] = 0.0
-    for row in range(x.size // width):
-        for m in range(width):
-            active[m] += 0.0 if abs(x[row * width + m]) < lanes.bound[m] else 1.0
-    for m in range(width):
-        if lanes.is_running[m] and active[m] > 0.0:
-            lanes.is_running[m], result = False, False
+def all_inside(lanes, x):
+    """Take lanes with coordinates that are not finite and below their bound out of the run; returns whether there are none."""
+    least, outside, result = math.inf, 0, True
+    for m in range(lanes.bound.size):
+        least = min(least, lanes.bound[m])
+    for q in range(x.size):  # counts, because a loop with an exit is not vectorised
+        outside += 0 if abs(x[q]) < least else 1
+    if outside > 0:
+        for q in range(x.size):
+            m = q % lanes.bound.size
+            if lanes.is_running[m] and not abs(x[q]) < lanes.bound[m]:
+                lanes.is_running[m], result = False, False
     return result
 
 

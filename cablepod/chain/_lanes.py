@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cablepod.chain._implicit import ImplicitStepper
 
 #: Number of lanes of members, a constant of the compiled steps.
-LANES = 32
+LANES = 16
 #: Smallest number of members in lanes, and smallest part of the lanes in use: fewer members are faster alone.
 MIN_MEMBERS, MIN_PART = 5, 0.25
 #: Instants at which the speeds of the ends are compared.
