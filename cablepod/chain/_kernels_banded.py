@@ -201,9 +201,7 @@ def _substitute_spatial(lanes, p, link, s, bx, by, bz, inverses, carry):
     width, row, p, link = len(lanes), max(bx.size, 0) + len(lanes), max(p, 0), max(link, 0)
     for m in range(width):
         i = p * width + m
-        rx, ry, rz = _times(
-            _six(s, link * width + m, row), carry[m], carry[width + m], carry[2 * width + m]
-        )
+        rx, ry, rz = _times(_six(s, link * width + m, row), carry[m], carry[width + m], carry[2 * width + m])
         x, y, z = _times(_six(inverses, 6 * p * width + m, width), bx[i] + rx, by[i] + ry, bz[i] + rz)
         bx[i], by[i], bz[i] = x, y, z
         carry[m], carry[width + m], carry[2 * width + m] = x, y, z

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 #: Number of lanes of members, a constant of the compiled steps.
 LANES = 16
-#: Smallest number of members in lanes, and smallest part of the lanes in use: fewer members are faster alone.
-MIN_MEMBERS, MIN_PART = 5, 0.25
+#: Smallest number of members in lanes, and smallest part of them that still run: fewer members are faster alone.
+MIN_MEMBERS, MIN_PART = 8, 0.5
 #: Instants at which the speeds of the ends are compared.
 INSTANTS = 64
 #: Rounding error of a correction over the coordinates: its maximum, in stiff chains, and its usual size.
@@ -142,7 +142,11 @@ class Kernel:
         else:
             advance = _kernels_generalized_alpha.generalized_alpha
             rate = gamma / (beta * step)
-            inertia, damping, solved = (1.0 - alpha_m) / (1.0 - alpha_f) / (beta * step * step), rate, half_ratio * rate * rate
+            inertia, damping, solved = (
+                (1.0 - alpha_m) / (1.0 - alpha_f) / (beta * step * step),
+                rate,
+                half_ratio * rate * rate,
+            )
             own = np.array([stepper.rotation_tolerance for stepper in self._steppers])
             tolerance = np.maximum(own, ROUNDING * rotation)
             remainder = MODAL_REMAINDER if self._terms.modal.matrix.size else remainder
@@ -239,7 +243,9 @@ class ImplicitLanes:
         """Call the kernel; returns the number of steps done."""
         steps = self.instants.steps
         first, last = np.searchsorted(steps, (start, start + time.size - 1))
-        record = Record(start, steps[first:last], int(first), self._saved, self._low.reshape(-1), self._high.reshape(-1))
+        record = Record(
+            start, steps[first:last], int(first), self._saved, self._low.reshape(-1), self._high.reshape(-1)
+        )
         state = State(*self._states.reshape(6, -1))
         marks = self._running, self._failed, self._iterations
         return self._kernel.advance(time, self._step, tables, state, self._rotation, *marks, record)

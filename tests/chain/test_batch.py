@@ -65,6 +65,11 @@ CASES = {
         {"damping_link_viscosity": [1e-4, 0.0, 2e-4], "motion_upper_x_amplitude": [-0.05, 0.01, 0.02]},
         {"step": STEP, "outputs": ALL},
     ),
+    "damped by the tension": (
+        ONE | {"damping": {"tension_proportional": 1e-2}},
+        {"damping_tension_proportional": [1e-2, 5e-3, 2e-2]},
+        {"step": STEP, "outputs": ALL},
+    ),
     "free end": (FREE, {"cable_area": [1e-3, 2e-3, 5e-4]}, {"step": STEP}),
     "green": (BOTH, TENSIONS, {"step": STEP, "law": "green", "outputs": ALL}),
     "between steps": (ONE, TENSIONS, {"step": STEP, "times": [0.0, 0.333, 1.7, 3.3], "outputs": ALL}),
@@ -77,6 +82,8 @@ IN_LANES = [
     slow("free end", "trapezoidal", 2),
     slow("loads and damping", "trapezoidal", 3),
     slow("viscous", "generalized_alpha", 2),
+    ("damped by the tension", "trapezoidal", 2),
+    slow("damped by the tension", "energy_momentum", 3),
     slow("between steps", "generalized_alpha", 2),
     slow("green", "generalized_alpha", 3),
     slow("loads and damping", "energy_momentum", 2),
@@ -203,27 +210,27 @@ def test_steps_that_do_not_converge_are_cut_in_their_lanes_alone(soft, monkeypat
 
 @pytest.mark.parametrize("scheme", ["trapezoidal", slow("energy_momentum")])
 def test_a_lane_that_fails_is_stepped_alone_from_where_it_was(soft, monkeypatch, scheme):
-    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 6)})
+    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
     options = {"scheme": scheme, "step": 5e-3, "outputs": ALL}
     whole = cp.chain.simulate(scenes, **options)
-    kernel, cut = lanes.ImplicitLanes._kernel, []
+    call, cut = lanes.ImplicitLanes._call, []
 
-    def fail(self, start, steps, tables):
+    def fail(self, start, time, tables):
         """Take one step, and set the third lane back as if it had failed in it."""
         before = self._states.copy()
         if start != 100:
-            return kernel(self, start, 100 - start if start < 100 else steps, tables)
-        done = kernel(self, start, 1, tables)
+            return call(self, start, time[: 101 - start] if start < 100 else time, tables)
+        done = call(self, start, time[:2], tables)
         self._states[..., 2] = before[..., 2]
         self._failed[2] = True
         cut.append(start)
         return done
 
-    monkeypatch.setattr(lanes.ImplicitLanes, "_kernel", fail)
+    monkeypatch.setattr(lanes.ImplicitLanes, "_call", fail)
     with members.thread_limit(1):
         run = cp.chain.simulate(scenes, **options)
     assert cut == [100]
-    assert sorted(run.steps_cut.values) == [0] * 5 + [1]
+    assert sorted(run.steps_cut.values) == [0] * 8 + [1]
     changed = abs(run.position - whole.position).max(["time", "particle", "coordinate"]).values
     assert (changed > 0.0).tolist() == (run.steps_cut.values == 1).tolist()
     assert changed.max() < 1e-4  # the error of one step against that of two halves, of second order
@@ -276,13 +283,13 @@ def test_members_whose_steps_are_chosen_advance_together(soft, monkeypatch, sche
 
 @pytest.mark.slow
 def test_members_whose_first_step_breaks_down_go_on_alone(soft, monkeypatch):
-    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(230.0, 231.0, 6)})
+    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(230.0, 231.0, 9)})
     options = {"scheme": "trapezoidal", "tolerance": 1e-3, "outputs": ALL[:2]}
     advance, alone, call = lanes.ImplicitLanes.advance, [], ImplicitChainRun.__call__
 
     def fail(self, start, steps):
         finite = advance(self, start, steps)
-        finite[: len(finite) - lanes.MIN_MEMBERS] = False  # the first of six; the other five stay together
+        finite[: len(finite) - lanes.MIN_MEMBERS] = False  # the first of nine; the other eight stay together
         return finite
 
     monkeypatch.setattr(lanes.ImplicitLanes, "advance", fail)
@@ -296,7 +303,7 @@ def test_members_whose_first_step_breaks_down_go_on_alone(soft, monkeypatch):
 
 @pytest.mark.slow
 def test_blocks_of_lanes_change_no_bit_and_few_members_run_alone(soft, monkeypatch):
-    scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 7)})
+    scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
     options = {"scheme": "trapezoidal", "step": 1e-3, "outputs": ALL}
     alone, lengths = [], []
     single, advance = ImplicitStepper.advance, lanes.ImplicitLanes.advance
@@ -314,16 +321,16 @@ def test_blocks_of_lanes_change_no_bit_and_few_members_run_alone(soft, monkeypat
 
 
 def test_groups_of_lanes_have_similar_speeds(soft):
-    amplitude = np.tile([0.0, 0.1], 24)
+    amplitude = np.tile([0.0, 0.1], 12)
     batch = chain_many.plan(
         scenes_of(soft, ONE, {"motion_upper_x_amplitude": amplitude}), scheme="trapezoidal", step=0.02
     )
     prepared = [
-        prepare(batch.run_member.__self__.members[i], ChainRequest.of(scheme="trapezoidal"), "") for i in range(48)
+        prepare(batch.run_member.__self__.members[i], ChainRequest.of(scheme="trapezoidal"), "") for i in range(24)
     ]
     steppers = [one.run.begin(50.0) for one in prepared]
     groups = lanes.groups_of_lanes(steppers)
-    assert [len(group) for group in groups] == [24, 24]
+    assert [len(group) for group in groups] == [12, 12]
     assert [set(amplitude[group]) for group in groups] == [{0.0}, {0.1}]
 
 

@@ -102,7 +102,7 @@ KERNELS = {
         "_kernels_sines",
         "_kernels_error",
     ),
-    "chain": ("_kernels_lanes", "_kernels_lane_steps", "_kernels_drag"),
+    "chain": ("_kernels_links", "_kernels_banded", "_kernels_newton", "_kernels_generalized_alpha", "_kernels_drag"),
 }
 
 
