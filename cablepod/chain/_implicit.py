@@ -22,7 +22,6 @@ from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._space_error import COMPANION_NEWTON
 
-
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 #: Newton tolerance: the mean link rotation of the last correction is so small that its second-order effect on the mean tension
 #: is below TENSION_RTOL (a link turned by an angle d is longer by d^2/2, which adds the tension K d^2/2); bounds of d [rad].
@@ -167,7 +166,9 @@ def link_stiffness(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
     dims, links, none = chain.p.dims, chain.links, np.empty(0)
     sizes = Sizes((0,), (0,) * dims)
     inverse_squares = none if chain.inverse_squares is None else chain.inverse_squares
-    numbers = Chain(0, links + 1, chain.k, chain.length, inverse_squares, *[none] * 6, none.reshape(0, 0))
+    numbers = Chain(
+        0, links + 1, chain.k, chain.length, inverse_squares, none, none, none, none, none, none, none.reshape(0, 0)
+    )
     reach, t, g = np.empty(dims * links), np.empty(links), np.empty(links)
     f, s = np.zeros(dims * (links + 1) + 1), np.zeros((3 * dims - 3, links + 2))
     kernel.elastic_links(sizes, numbers, position.T.reshape(-1), reach, t, g)

@@ -115,6 +115,26 @@ class Newton(NamedTuple):
     active: np.ndarray  #: 1 in lanes that have not converged (lanes,)
     before: np.ndarray  #: state before a step in which lanes fail (arrays, dims (n + 1) lanes)
 
+    @classmethod
+    def of(cls, dims: int, links: int, lanes: int) -> Newton:
+        """Return arrays of zeros."""
+        particles, symmetric, carried = links + 1, 3 * dims - 3, (10 if dims == 2 else 18)
+        rows = dims * particles
+        sizes = (
+            *(rows, symmetric * particles, particles, dims * links, links, links, rows + 1, symmetric * (links + 2)),
+            *(rows,) * 8,
+            *(particles, (4 if dims == 2 else 6) * particles, carried, 2, 1, 6 * rows),
+        )
+        return cls(*(np.zeros(size * lanes) for size in sizes))
+
+    def start_blocks(self, dims: int) -> None:
+        """Fill the blocks without forces on particles."""
+        row = 0
+        self.block[:] = 0.0
+        for c in range(dims):
+            self.block[row * self.solved.size : (row + 1) * self.solved.size] = self.solved
+            row += dims - c
+
 
 class State(NamedTuple):
     """State of a run, advanced in place (dims (n + 1) lanes) each; all but the positions are 0 at held particles."""

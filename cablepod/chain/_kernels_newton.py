@@ -215,7 +215,7 @@ def _rotations(sizes, b, per_length, squares, rotation):
 
 @compiled(noalias=True, counted=False)
 def begin_step(lanes, before, newton):
-    """Prepare the marks of the lanes for a step; `before` is the rotation that counts as that of a correction before the first."""
+    """Prepare the marks of the lanes for a step; `before` counts as the rotation by a correction before the first."""
     for m in range(newton.active.size):
         newton.active[m] = 1.0 if lanes.is_running[m] else 0.0
         lanes.failed[m] = False

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cablepod.chain._kernels_arguments import Chain, Lanes, Newton, RateTerms, Record, Sizes, State, Tables
-from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.integrate._march import BLOCK
 
 if TYPE_CHECKING:
@@ -46,48 +45,53 @@ class Kernel:
 
     def __init__(self, steppers: Sequence[ImplicitStepper], lanes: int) -> None:
         self._steppers, self._lanes = [*steppers, *[steppers[-1]] * (lanes - len(steppers))], lanes
-        run, first = steppers[0].run, steppers[0]
-        chain, p = run.chain, run.chain.p
-        self._run, dims, links = run, p.dims, chain.links
+        self._run, first = steppers[0].run, steppers[0]
+        chain, p = self._run.chain, self._run.chain.p
+        dims, links, none = p.dims, chain.links, np.empty(0)
         self._sizes = Sizes((0,) * lanes, (0,) * dims)
-        mass = self.flat(lambda one: np.tile(one.mass, dims))
-        none = np.empty(0)
 
-        def of_links(value: Callable[[Any], float | None]) -> np.ndarray:
-            if value(p) is None:
+        def of_links(name: str) -> np.ndarray:
+            if getattr(p, name) is None:
                 return none
-            return self.flat(lambda one: np.full(links, value(one.run.chain.p)))
+            return self._flat(lambda one: np.full(links, getattr(one.run.chain.p, name)))
 
-        viscosity = of_links(lambda p: p.link_viscosity)
-        k = self.flat(lambda one: one.run.chain.k)
+        k, viscosity = self._flat(lambda one: one.run.chain.k), of_links("link_viscosity")
+        mass = self._flat(lambda one: np.tile(one.mass, dims))
+        varying, size = len(first.varying), dims * (links + 1)
         self._chain = Chain(
-            chain.free_particles.start,
-            chain.free_particles.stop,
-            k,
-            self.flat(lambda one: one.run.chain.length),
-            none if chain.inverse_squares is None else self.flat(lambda one: one.run.chain.inverse_squares),
-            viscosity * k if viscosity.size else none,
-            of_links(lambda p: p.tension_damping),
-            self.flat(lambda one: np.tile(np.append(1.0 / one.run.chain.length, 0.0), dims)),
-            mass,
-            none if p.mass_damping is None else self.flat(lambda one: one.run.chain.p.mass_damping * np.tile(one.mass, dims)),
-            self.flat(lambda one: one.loads),
-            np.array([self.flat(lambda one: one.patterns[i]) for i in range(len(first.varying))]).reshape(-1, mass.size),
-        )  # fmt: skip
+            first=chain.free_particles.start,
+            last=chain.free_particles.stop,
+            k=k,
+            length=self._flat(lambda one: one.run.chain.length),
+            inverse_squares=none
+            if chain.inverse_squares is None
+            else self._flat(lambda one: one.run.chain.inverse_squares),
+            viscosity=viscosity * k if viscosity.size else none,
+            tension_damping=of_links("tension_damping"),
+            per_length=self._flat(lambda one: np.tile(np.append(1.0 / one.run.chain.length, 0.0), dims)),
+            mass=mass,
+            damped_mass=none
+            if p.mass_damping is None
+            else mass * self._flat(lambda one: np.full(size, one.run.chain.p.mass_damping)),
+            loads=self._flat(lambda one: one.loads),
+            patterns=self._flat(lambda one: one.patterns).reshape(varying, -1) if varying else none.reshape(0, 0),
+        )
         self._terms = _rate_terms(first)
-        rows, symmetric = dims * (links + 1), 3 * dims - 3
-        sizes = (
-            rows, symmetric * (links + 1), links + 1, dims * links, links, links, rows + 1, symmetric * (links + 2), *(rows,) * 8,
-            links + 1, (2 * dims if dims == 3 else 4) * (links + 1), 10 if dims == 2 else 18, 2, 1, 6 * rows,
-        )  # fmt: skip
-        self._newton = Newton(*(np.zeros(size * lanes) for size in sizes))
-        self._bound = self.flat(lambda one: one.run.divergence_bound)
+        self._newton = Newton.of(dims, links, lanes)
+        self._bound = self._flat(lambda one: one.run.divergence_bound)
 
-    def flat(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
+    @property
+    def _has_rates(self) -> bool:
+        """Whether forces depend on velocities, beside damping by mass."""
+        terms, chain = self._terms, self._chain
+        arrays = (chain.viscosity, chain.tension_damping, terms.modal.matrix, terms.particles, terms.wind)
+        return any(array.size for array in arrays)
+
+    def _flat(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
         """Lay out an array of each run in lanes, flat."""
-        return self.stacked(values).reshape(-1)
+        return self._stacked(values).reshape(-1)
 
-    def stacked(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
+    def _stacked(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
         """Lay out an array of each run in lanes."""
         if self._lanes == 1:
             return np.asarray(values(self._steppers[0]), dtype=float)[..., None]
@@ -95,23 +99,23 @@ class Kernel:
 
     def tables(self, time: np.ndarray) -> Tables:
         """Return what changes from step to step, at instants [s]."""
-        run, moving, dims = self._run, self._run.moving, self._run.chain.p.dims
-        none = np.empty((0, dims, self._lanes))
-        ends = self.stacked(lambda one: one.run.chain.p.end_positions(time)) if moving else None
-        varying = self._steppers[0].varying
+        run, moving = self._run, self._run.moving
+        none = np.empty((0, run.chain.p.dims, self._lanes))
+        ends = self._stacked(lambda one: one.run.chain.p.end_positions(time)) if moving else None
         is_conserving = run.method == "energy_momentum"
-        has_rates = self._chain.viscosity.size or self._chain.tension_damping.size or self._terms.modal.matrix.size
-        has_rates = has_rates or self._terms.particles.size or self._terms.wind.size
-        needs_rates = has_rates and not is_conserving
-        instants = 0.5 * (time[1:] + time[:-1]) if is_conserving else time
+        factors, end_rates, places = none, none[:, None], np.empty(0)
+        if self._steppers[0].varying:
+            factors = self._stacked(lambda one: np.stack([factor(time) for _, factor in one.varying], axis=1))
+        if self._has_rates and not is_conserving:
+            end_rates = self._stacked(lambda one: one.run.chain.p.end_positions(time, 1))
+        if run.air is not None:
+            places = (0.5 * (time[1:] + time[:-1]) if is_conserving else time) * run.air.samples_per_second
         return Tables(
-            self.stacked(lambda one: np.stack([factor(time) for _, factor in one.varying], axis=1))
-            if varying
-            else np.empty((0, 0, self._lanes)),
+            factors,
             none if ends is None or "lower" not in moving else np.ascontiguousarray(ends[:, 0]),
             none if ends is None or "upper" not in moving else np.ascontiguousarray(ends[:, 1]),
-            self.stacked(lambda one: one.run.chain.p.end_positions(time, 1)) if needs_rates else none[:, None],
-            np.empty(0) if run.air is None else instants * run.air.samples_per_second,
+            end_rates,
+            places,
         )
 
     def advance(
@@ -132,32 +136,25 @@ class Kernel:
         """
         from cablepod.chain import _kernels_energy_momentum, _kernels_generalized_alpha  # numba is imported only here
 
-        run, newton, half_ratio = self._run, self._newton, self._terms.modal.half_ratio
+        run, newton, modal = self._run, self._newton, self._terms.modal
         alpha_m, alpha_f, beta, gamma = run.parameters
-        remainder = 0.0 if self._terms.wind.size + self._terms.modal.matrix.size == 0 else REMAINDER
+        remainder = REMAINDER if self._terms.wind.size or modal.matrix.size else 0.0
         if run.method == "energy_momentum":
             advance: Any = _kernels_energy_momentum.energy_momentum
-            inertia, damping, solved = 2.0 / (step * step), 1.0 / step, 2.0 * half_ratio / (step * step)
+            inertia, rate, more = 2.0 / (step * step), 1.0 / step, 2.0 * modal.half_ratio / (step * step)
             tolerance = MIN_ROUNDING * rotation
         else:
             advance = _kernels_generalized_alpha.generalized_alpha
             rate = gamma / (beta * step)
-            inertia, damping, solved = (
-                (1.0 - alpha_m) / (1.0 - alpha_f) / (beta * step * step),
-                rate,
-                half_ratio * rate * rate,
-            )
+            inertia = (1.0 - alpha_m) / (1.0 - alpha_f) / (beta * step * step)
+            more = modal.half_ratio * rate * rate
             own = np.array([stepper.rotation_tolerance for stepper in self._steppers])
             tolerance = np.maximum(own, ROUNDING * rotation)
-            remainder = MODAL_REMAINDER if self._terms.modal.matrix.size else remainder
+            remainder = MODAL_REMAINDER if modal.matrix.size else remainder
         mass, damped = self._chain.mass, self._chain.damped_mass
-        newton.diagonal[:] = inertia * mass + (damping * damped if damped.size else 0.0)
-        newton.solved[:] = newton.diagonal[: newton.solved.size] + solved * mass[: newton.solved.size]
-        size, row = newton.solved.size, 0
-        newton.block[:] = 0.0
-        for c in range(len(self._sizes.dims)):
-            newton.block[row * size : (row + 1) * size] = newton.solved
-            row += len(self._sizes.dims) - c
+        newton.diagonal[:] = inertia * mass + (rate * damped if damped.size else 0.0)
+        newton.solved[:] = (newton.diagonal + more * mass)[: newton.solved.size]
+        newton.start_blocks(len(self._sizes.dims))
         marks = Lanes(is_running, failed, iterations, tolerance, ROUNDING * rotation, remainder, self._bound)
         numbers = step, alpha_m, alpha_f, beta, gamma
         done: int = advance(
@@ -168,7 +165,8 @@ class Kernel:
 
 def _rate_terms(stepper: ImplicitStepper) -> RateTerms:
     """Return the forces on particles of a run that depend on velocities."""
-    attached, air, none = stepper.run.attached, stepper.run.air, np.empty(0)
+    attached, none = stepper.run.attached, np.empty(0)
+    air: Any = stepper.run.air
     return RateTerms(
         stepper.modal,
         np.empty(0, dtype=np.int64) if attached is None else attached.particles,
