@@ -329,7 +329,7 @@ def trapezoidal(
                 for row in range(band.shape[0]):
                     for column in range(band.shape[1]):
                         band[row, column] = modal.stiffness[row, column]
-                damping_forces(modal, u, first, damping_force)
+                damping_forces(modal, u, first, np.empty(u.size), damping_force)
             if bodies is not None:
                 own[:] = 0.0
                 body_drag(u, wind, wind_places[i + 1], bodies, air_force, velocity_factor, own)

@@ -1,8 +1,8 @@
 """Chains of many members: runs of equal shape advance together in one compiled call.
 
 Each member has the preparation, the search of its step and the checks of the run of its scene alone; only its Dataset is left
-out.  Explicit members
-have the same loop, and the same bits.  Implicit ones lie in lanes, whose sums over links are added up in another order.
+out.  Both have the same compiled loops; explicit members have the same bits.  Implicit ones lie in lanes, whose sums over links
+are added up in another order.
 """
 
 from __future__ import annotations

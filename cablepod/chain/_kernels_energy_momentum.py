@@ -8,18 +8,18 @@ from cablepod._jit import compiled
 from cablepod.chain._kernels_links import conserving_links
 from cablepod.chain._kernels_newton import (
     MAX_ITERATIONS,
-    add_loads,
-    all_inside,
-    any_failed,
-    begin_step,
-    correct,
-    count_active,
-    forces_and_tangent,
-    has_rates,
-    keep,
-    note,
-    restore,
-    set_ends,
+    _add_loads,
+    _all_inside,
+    _any_failed,
+    _begin_step,
+    _correct,
+    _count_active,
+    _forces_and_tangent,
+    _has_rates,
+    _keep,
+    _note,
+    _restore,
+    _set_ends,
 )
 
 
@@ -63,30 +63,30 @@ def energy_momentum(sizes, chain, terms, tables, steps, numbers, state, lanes, r
     systematic sign and accumulates in the energy: iterations continue until a correction is below rounding, or not decreasing.
     Parameters and result as in ``generalized_alpha``; of `numbers` the step is taken only.
     """
-    step, saved, with_rates = numbers[0], 0, has_rates(chain, terms)
+    step, saved, with_rates = numbers[0], 0, _has_rates(chain, terms)
     for i in range(steps):
-        saved = note(sizes, chain, record, saved, record.start + i, state)
+        saved = _note(sizes, chain, record, saved, record.start + i, state)
         _predict(chain, step, state, newton)
-        add_loads(sizes, chain.patterns, tables.factors, i, 0.5, newton.fixed)
-        add_loads(sizes, chain.patterns, tables.factors, i + 1, 0.5, newton.fixed)
-        set_ends(sizes, tables, i + 1, newton.trial)
-        begin_step(lanes, math.inf, newton)
+        _add_loads(sizes, chain.patterns, tables.factors, i, 0.5, newton.fixed)
+        _add_loads(sizes, chain.patterns, tables.factors, i + 1, 0.5, newton.fixed)
+        _set_ends(sizes, tables, i + 1, newton.trial)
+        _begin_step(lanes, math.inf, newton)
         place = tables.places[i] if tables.places.size else 0.0
         for _ in range(MAX_ITERATIONS):
             conserving_links(sizes, chain, state.x, newton.trial, newton.reach, newton.t, newton.g)
             if with_rates:
                 _mean_motion(step, state.x, newton)
-            on_particles = forces_and_tangent(sizes, chain, terms, place, newton.middle, 0.5, 1.0 / step, newton)
-            correct(sizes, chain, on_particles, state.x, newton)
-            set_ends(sizes, tables, i + 1, newton.trial)
-            if count_active(lanes, newton) == 0:
+            on_particles = _forces_and_tangent(sizes, chain, terms, place, newton.middle, 0.5, 1.0 / step, newton)
+            _correct(sizes, chain, on_particles, state.x, newton)
+            _set_ends(sizes, tables, i + 1, newton.trial)
+            if _count_active(lanes, newton) == 0:
                 break
-        failed = any_failed(lanes, newton)
+        failed = _any_failed(lanes, newton)
         if failed:
-            keep(state, newton.before)
+            _keep(state, newton.before)
         _accept(step, state, newton)
         if failed:
-            restore(lanes.failed, newton.before, state)
-        if not all_inside(lanes, state.x) or failed:
+            _restore(lanes.failed, newton.before, state)
+        if not _all_inside(lanes, state.x) or failed:
             return i + 1
     return steps

@@ -11,19 +11,19 @@ from cablepod._jit import compiled
 from cablepod.chain._kernels_links import elastic_links
 from cablepod.chain._kernels_newton import (
     MAX_ITERATIONS,
-    add_loads,
-    all_inside,
-    any_failed,
-    begin_step,
-    correct,
-    count_active,
-    forces_and_tangent,
-    has_rates,
-    keep,
-    note,
-    restore,
-    set_end_rates,
-    set_ends,
+    _add_loads,
+    _all_inside,
+    _any_failed,
+    _begin_step,
+    _correct,
+    _count_active,
+    _forces_and_tangent,
+    _has_rates,
+    _keep,
+    _note,
+    _restore,
+    _set_end_rates,
+    _set_ends,
 )
 
 
@@ -94,30 +94,30 @@ def generalized_alpha(sizes, chain, terms, tables, steps, numbers, state, lanes,
         Number of steps done: fewer if lanes failed in the last one, and remain at its beginning, or left their bound.
     """
     step, _, _, beta, gamma = numbers
-    rate, saved, with_rates = gamma / (beta * step), 0, has_rates(chain, terms)
+    rate, saved, with_rates = gamma / (beta * step), 0, _has_rates(chain, terms)
     for i in range(steps):
-        saved = note(sizes, chain, record, saved, record.start + i, state)
+        saved = _note(sizes, chain, record, saved, record.start + i, state)
         _predict(chain, numbers, state, newton)
-        add_loads(sizes, chain.patterns, tables.factors, i + 1, 1.0, newton.fixed)
-        set_ends(sizes, tables, i + 1, newton.trial)
-        begin_step(lanes, 0.0, newton)
+        _add_loads(sizes, chain.patterns, tables.factors, i + 1, 1.0, newton.fixed)
+        _set_ends(sizes, tables, i + 1, newton.trial)
+        _begin_step(lanes, 0.0, newton)
         place = tables.places[i + 1] if tables.places.size else 0.0
         for _ in range(MAX_ITERATIONS):
             if with_rates:
                 _rates(numbers, state, newton)
-                set_end_rates(sizes, chain, tables.end_rates, i + 1, newton.rates)
+                _set_end_rates(sizes, chain, tables.end_rates, i + 1, newton.rates)
             elastic_links(sizes, chain, newton.trial, newton.reach, newton.t, newton.g)
-            on_particles = forces_and_tangent(sizes, chain, terms, place, newton.trial, 1.0, rate, newton)
-            correct(sizes, chain, on_particles, state.x, newton)
-            set_ends(sizes, tables, i + 1, newton.trial)
-            if count_active(lanes, newton) == 0:
+            on_particles = _forces_and_tangent(sizes, chain, terms, place, newton.trial, 1.0, rate, newton)
+            _correct(sizes, chain, on_particles, state.x, newton)
+            _set_ends(sizes, tables, i + 1, newton.trial)
+            if _count_active(lanes, newton) == 0:
                 break
-        failed = any_failed(lanes, newton)
+        failed = _any_failed(lanes, newton)
         if failed:
-            keep(state, newton.before)
+            _keep(state, newton.before)
         _accept(chain, numbers, state, newton)
         if failed:
-            restore(lanes.failed, newton.before, state)
-        if not all_inside(lanes, state.x) or failed:
+            _restore(lanes.failed, newton.before, state)
+        if not _all_inside(lanes, state.x) or failed:
             return i + 1
     return steps

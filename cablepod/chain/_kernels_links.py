@@ -39,13 +39,13 @@ def elastic_links(sizes, chain, x, reach, t, g):
 
 @compiled(forceinline=True)
 def _taut_secant(length0, length1, k, length):
-    """Return difference quotient and derivative of a link that is taut at both ends of a step, see :func:`energy_secant`."""
+    """Return difference quotient and derivative of a link that is taut at both ends of a step, see :func:`_energy_secant`."""
     total = length0 + length1
     return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * length1)
 
 
 @compiled(forceinline=True)
-def energy_secant(square0, square1, k, length):
+def _energy_secant(square0, square1, k, length):
     """Return the difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its derivative by |R1|^2 / 2.
 
     The form avoids cancellation for nearly equal lengths.
@@ -93,11 +93,11 @@ def conserving_links(sizes, chain, x0, x1, reach, t, g):
             t[q], g[q] = _taut_secant(math.sqrt(t[q]), math.sqrt(g[q]), chain.k[q], chain.length[q])
     else:
         for q in range(n):
-            t[q], g[q] = energy_secant(t[q], g[q], chain.k[q], chain.length[q])
+            t[q], g[q] = _energy_secant(t[q], g[q], chain.k[q], chain.length[q])
 
 
 @compiled(noalias=True, counted=False)
-def add_viscosity(sizes, chain, rates, rate, reach, t, g):
+def _add_viscosity(sizes, chain, rates, rate, reach, t, g):
     """Add viscosity to taut links, which no force makes push: their tension and its slope are 0 then.
 
     `rates` are the velocities, `rate` their derivative by the unknowns [1/s].
@@ -133,7 +133,7 @@ def assemble_links(sizes, part, reach, t, g, f, s):
 
 
 @compiled(noalias=True, counted=False)
-def add_tension_damping(sizes, chain, rates, rate, t, f, s):
+def _add_tension_damping(sizes, chain, rates, rate, t, f, s):
     """Add damping by the tension: its product with tension over length and the difference of the velocities.
 
     Of its tangent only the part by the velocities is kept.
@@ -150,7 +150,7 @@ def add_tension_damping(sizes, chain, rates, rate, t, f, s):
 
 
 @compiled(noalias=True, counted=False)
-def update_extremes(sizes, chain, x, low, high):
+def _update_extremes(sizes, chain, x, low, high):
     """Update the extremes of the tensions [N]."""
     lanes, dims, n = len(sizes.lanes), len(sizes.dims), low.size
     for q in range(n):

@@ -11,7 +11,7 @@ from cablepod._jit import REORDERED, compiled
 from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
 from cablepod.chain._kernels_drag import drag_forces, drag_tangent
-from cablepod.chain._kernels_links import add_tension_damping, add_viscosity, assemble_links, update_extremes
+from cablepod.chain._kernels_links import _add_tension_damping, _add_viscosity, _update_extremes, assemble_links
 from cablepod.discretisation._kernels_modal_damping import damping_forces
 
 #: Maximum number of Newton iterations per step.
@@ -21,14 +21,15 @@ MAX_ITERATIONS = 30
 
 
 @compiled(counted=False)
-def has_rates(chain, terms):
+def _has_rates(chain, terms):
     """Return whether forces depend on velocities, beside damping by mass."""
-    sizes = chain.viscosity.size + chain.tension_damping.size + terms.modal.matrix.size
-    return sizes + terms.particles.size + terms.wind.size > 0
+    if terms is not None:
+        return True
+    return chain.viscosity.size + chain.tension_damping.size > 0
 
 
 @compiled(counted=False)
-def forces_and_tangent(sizes, chain, terms, place, position, part, rate, newton):
+def _forces_and_tangent(sizes, chain, terms, place, position, part, rate, newton):
     """Complete forces and tangents, from vectors, tensions and slopes of the links and the velocities.
 
     Parameters
@@ -46,14 +47,14 @@ def forces_and_tangent(sizes, chain, terms, place, position, part, rate, newton)
         Whether there are forces on particles, so that `newton.known` holds in place of `newton.fixed`.
     """
     if chain.viscosity.size:
-        add_viscosity(sizes, chain, newton.rates, rate, newton.reach, newton.t, newton.g)
+        _add_viscosity(sizes, chain, newton.rates, rate, newton.reach, newton.t, newton.g)
     assemble_links(sizes, part, newton.reach, newton.t, newton.g, newton.f, newton.s)
     if chain.tension_damping.size:
-        add_tension_damping(sizes, chain, newton.rates, rate, newton.t, newton.f, newton.s)
-    if terms.modal.matrix.size + terms.particles.size + terms.wind.size == 0:
-        return False
-    _forces_on_particles(sizes, chain, terms, place, position, part, rate, newton)
-    return True
+        _add_tension_damping(sizes, chain, newton.rates, rate, newton.t, newton.f, newton.s)
+    if terms is not None:  # an if that the compiler can prune
+        _forces_on_particles(sizes, chain, terms, place, position, part, rate, newton)
+        return True
+    return False
 
 
 @compiled(counted=False)
@@ -68,7 +69,7 @@ def _forces_on_particles(sizes, chain, terms, place, position, part, rate, newto
         known[q] = newton.fixed[q]
     _clear(newton.force)
     if terms.modal.matrix.size:
-        damping_forces(terms.modal, v, chain.first, force)
+        damping_forces(terms.modal, v, chain.first, newton.b, force)
         _add(newton.force, 1.0, known)
         _add(terms.modal.stiffness.reshape(-1), part, newton.s)
     if terms.wind.size + terms.particles.size == 0:
@@ -86,7 +87,7 @@ def _forces_on_particles(sizes, chain, terms, place, position, part, rate, newto
         attached_forces(x, v, terms.particles, terms.attached, force)
         attached_tangent(terms.particles, terms.attached, part, rate, block)
         _add(newton.force, 1.0, known)
-    add_diagonal(sizes, newton.solved, newton.block)
+    _add_diagonal(sizes, newton.solved, newton.block)
 
 
 @compiled(noalias=True, counted=False)
@@ -104,7 +105,7 @@ def _clear(values):
 
 
 @compiled(noalias=True, counted=False)
-def add_diagonal(sizes, solved, block):
+def _add_diagonal(sizes, solved, block):
     """Add numbers (n + 1, lanes) to the diagonals of blocks (3 or 6, n + 1, lanes)."""
     dims, row = len(sizes.dims), 0
     for c in range(dims):
@@ -114,7 +115,7 @@ def add_diagonal(sizes, solved, block):
 
 
 @compiled(noalias=True, counted=False)
-def add_loads(sizes, patterns, factors, i, part, fixed):
+def _add_loads(sizes, patterns, factors, i, part, fixed):
     """Add `part` of the time-dependent loads at step `i` of the tables."""
     lanes = len(sizes.lanes)
     for load in range(patterns.shape[0]):
@@ -124,7 +125,7 @@ def add_loads(sizes, patterns, factors, i, part, fixed):
 
 
 @compiled(noalias=True, counted=False)
-def set_ends(sizes, tables, i, trial):
+def _set_ends(sizes, tables, i, trial):
     """Put the moving ends at their positions at step `i` of the tables."""
     lanes, dims = len(sizes.lanes), len(sizes.dims)
     size = trial.size // dims
@@ -137,7 +138,7 @@ def set_ends(sizes, tables, i, trial):
 
 
 @compiled(noalias=True, counted=False)
-def set_end_rates(sizes, chain, end_rates, i, rates):
+def _set_end_rates(sizes, chain, end_rates, i, rates):
     """Give the held ends their velocities at step `i` of the tables."""
     lanes, dims = len(sizes.lanes), len(sizes.dims)
     size = rates.size // dims
@@ -153,7 +154,7 @@ def set_end_rates(sizes, chain, end_rates, i, rates):
 
 
 @compiled(counted=False)
-def correct(sizes, chain, on_particles, x, newton):
+def _correct(sizes, chain, on_particles, x, newton):
     """Correct the displacements of active lanes and the trial positions; fills the rotations of the links by it."""
     lanes, dims = len(sizes.lanes), len(sizes.dims)
     b, carry = newton.b, newton.carry
@@ -214,7 +215,7 @@ def _rotations(sizes, b, per_length, squares, rotation):
 
 
 @compiled(noalias=True, counted=False)
-def begin_step(lanes, before, newton):
+def _begin_step(lanes, before, newton):
     """Prepare the marks of the lanes for a step; `before` counts as the rotation by a correction before the first."""
     for m in range(newton.active.size):
         newton.active[m] = 1.0 if lanes.is_running[m] else 0.0
@@ -223,7 +224,7 @@ def begin_step(lanes, before, newton):
 
 
 @compiled(noalias=True, counted=False)
-def count_active(lanes, newton):
+def _count_active(lanes, newton):
     """Mark the lanes that have converged, or diverged, in an iteration; returns how many are left."""
     left, width = 0, newton.active.size
     for m in range(width):
@@ -242,7 +243,7 @@ def count_active(lanes, newton):
 
 
 @compiled(counted=False)
-def any_failed(lanes, newton):
+def _any_failed(lanes, newton):
     """Mark the lanes that have not converged as failed; returns whether any has."""
     result = False
     for m in range(newton.active.size):
@@ -252,7 +253,7 @@ def any_failed(lanes, newton):
 
 
 @compiled(counted=False)
-def keep(state, before):
+def _keep(state, before):
     """Keep a state in rows of `before`."""
     at = 0
     for values in state:
@@ -262,7 +263,7 @@ def keep(state, before):
 
 
 @compiled(counted=False)
-def restore(failed, before, state):
+def _restore(failed, before, state):
     """Set failed lanes back to the state in `before`."""
     at = 0
     for values in state:
@@ -273,7 +274,7 @@ def restore(failed, before, state):
 
 
 @compiled(counted=False)
-def all_inside(lanes, x):
+def _all_inside(lanes, x):
     """Take lanes with coordinates that are not finite and below their bound out of the run; returns whether there are none."""
     least, outside, result = math.inf, 0, True
     for m in range(lanes.bound.size):
@@ -292,10 +293,10 @@ def all_inside(lanes, x):
 
 
 @compiled(counted=False)
-def note(sizes, chain, record, saved, number, state):
+def _note(sizes, chain, record, saved, number, state):
     """Keep what is wanted of the state at the beginning of step `number`; returns how many steps are saved by then."""
     if record.low.size:
-        update_extremes(sizes, chain, state.x, record.low, record.high)
+        _update_extremes(sizes, chain, state.x, record.low, record.high)
     if saved == record.steps.size or record.steps[saved] != number:
         return saved
     _save(sizes, state.x, record.saved, record.at + saved, 0)

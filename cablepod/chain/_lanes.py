@@ -83,9 +83,7 @@ class Kernel:
     @property
     def _has_rates(self) -> bool:
         """Whether forces depend on velocities, beside damping by mass."""
-        terms, chain = self._terms, self._chain
-        arrays = (chain.viscosity, chain.tension_damping, terms.modal.matrix, terms.particles, terms.wind)
-        return any(array.size for array in arrays)
+        return self._terms is not None or bool(self._chain.viscosity.size or self._chain.tension_damping.size)
 
     def _flat(self, values: Callable[[ImplicitStepper], Any]) -> np.ndarray:
         """Lay out an array of each run in lanes, flat."""
@@ -136,9 +134,9 @@ class Kernel:
         """
         from cablepod.chain import _kernels_energy_momentum, _kernels_generalized_alpha  # numba is imported only here
 
-        run, newton, modal = self._run, self._newton, self._terms.modal
+        run, newton, modal = self._run, self._newton, self._steppers[0].modal
         alpha_m, alpha_f, beta, gamma = run.parameters
-        remainder = REMAINDER if self._terms.wind.size or modal.matrix.size else 0.0
+        remainder = REMAINDER if run.air is not None or modal.matrix.size else 0.0
         if run.method == "energy_momentum":
             advance: Any = _kernels_energy_momentum.energy_momentum
             inertia, rate, more = 2.0 / (step * step), 1.0 / step, 2.0 * modal.half_ratio / (step * step)
@@ -163,10 +161,12 @@ class Kernel:
         return done
 
 
-def _rate_terms(stepper: ImplicitStepper) -> RateTerms:
-    """Return the forces on particles of a run that depend on velocities."""
+def _rate_terms(stepper: ImplicitStepper) -> RateTerms | None:
+    """Return the forces on particles of a run that depend on velocities, None without any."""
     attached, none = stepper.run.attached, np.empty(0)
     air: Any = stepper.run.air
+    if attached is None and air is None and not stepper.modal.matrix.size:
+        return None
     return RateTerms(
         stepper.modal,
         np.empty(0, dtype=np.int64) if attached is None else attached.particles,

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from cablepod._jit import REORDERED, compiled
 
 
 @compiled(fastmath=REORDERED)
-def damping_forces(modal, rates, first, forces):
+def damping_forces(modal, rates, first, relative, forces):
     """Fill the damping forces of the free nodes in `forces` (dims, N) [N]: -C times velocities relative to the line of the ends.
 
     The line between the ends moves with them.
@@ -21,12 +19,13 @@ def damping_forces(modal, rates, first, forces):
         Velocities of all nodes (dims, N) [m/s].
     first
         Number of the first free node.
+    relative
+        Work array (unknowns or more,).
     forces
         Those of held nodes are left alone.
     """
     dims, last = rates.shape[0], rates.shape[1] - 1
     size = modal.matrix.shape[0]
-    relative = np.empty(size)
     for j in range(size // dims):
         sigma = modal.sigma[first + j]
         for c in range(dims):

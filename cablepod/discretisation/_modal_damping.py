@@ -78,7 +78,7 @@ class NodalDamping(NamedTuple):
         from cablepod.discretisation import _kernels_modal_damping as kernel  # numba is imported only to compute
 
         forces = np.zeros(rates.shape[::-1])
-        kernel.damping_forces(self, np.ascontiguousarray(rates.T), first, forces)
+        kernel.damping_forces(self, np.ascontiguousarray(rates.T), first, np.empty(rates.size), forces)
         return forces.T
 
 

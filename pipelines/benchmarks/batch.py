@@ -192,12 +192,8 @@ def implicit_chains(number: int, repeats: int) -> None:
     }
     scenes = varied(scene("example3"), number, ranges)
     each = [scenes.isel(member=i, drop=True) for i in range(number)]
-    kernels = {
-        "_kernels_lane_steps": ("alpha_lanes", "conserving_lanes"),
-        "_kernels_generalized_alpha": ("generalized_alpha",),
-        "_kernels_energy_momentum": ("energy_momentum",),
-    }
-    names = [f"cablepod.chain.{file}.{name}" for file, functions in kernels.items() for name in functions]
+    kernels = ("generalized_alpha", "energy_momentum")
+    names = [f"cablepod.chain._kernels_{name}.{name}" for name in kernels]
     for scheme, accuracy in IMPLICIT:
         options: dict[str, Any] = {"scheme": scheme, "links": 40, **accuracy}
         ways = {
