@@ -29,6 +29,8 @@ from cablepod.parameters._from_scene import Members
 #: Maximum and minimum number of steps per block (multiples of the period after which tables of sines restart, so that the tables
 #: equal those of a single run).
 MAX_BLOCK_STEPS, MIN_BLOCK_STEPS = BLOCK, 1024
+#: Implicit members that a thread takes at once where each searches its own step.
+SEARCHING = 4 * LANES
 #: Maximum link steps of all members per block (a few tenths of a second, the latency of cancellation).
 BLOCK_WORK = 2e8
 #: Maximum memory of the saved steps of a chunk [bytes]; members beyond it run one by one.
@@ -45,7 +47,9 @@ def plan(scene: xr.Dataset, **options: Any) -> BatchPlan | None:
         return None
     batch = ChainBatch(members, request, str(scene.attrs.get("title", "scene")))
     in_lanes = request.scheme not in (None, SCHEMES[0])
-    return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk, LANES if in_lanes else 1)
+    # members that search their steps find more of their like in a larger chunk
+    abreast = LANES if request.step is not None else SEARCHING
+    return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk, abreast if in_lanes else 1)
 
 
 class Begun(NamedTuple):

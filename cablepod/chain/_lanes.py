@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 #: Number of lanes of members, a constant of the compiled steps.
 LANES = 16
 #: Smallest number of members in lanes, and smallest part of them that still run: fewer members are faster alone.
-MIN_MEMBERS, MIN_PART = 8, 0.5
+MIN_MEMBERS, MIN_PART = 6, 0.5
 #: Instants at which the speeds of the ends are compared.
 INSTANTS = 64
 #: Rounding error of a correction over the coordinates: its maximum, in stiff chains, and its usual size.

@@ -292,6 +292,7 @@ def test_members_whose_first_step_breaks_down_go_on_alone(soft, monkeypatch):
         finite[: len(finite) - lanes.MIN_MEMBERS] = False  # the first of nine; the other eight stay together
         return finite
 
+    monkeypatch.setattr(lanes, "MIN_MEMBERS", 8)
     monkeypatch.setattr(lanes.ImplicitLanes, "advance", fail)
     monkeypatch.setattr(ImplicitChainRun, "__call__", lambda self, rate: alone.append(rate) or call(self, rate))
     with members.thread_limit(1):
