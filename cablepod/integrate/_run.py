@@ -229,7 +229,7 @@ class ChainRun:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.
 
         The chain itself starts from rest.  A jump v of the end speed along the cable sends out an axial wave, behind which the
-        tension has changed by v sqrt(K mu).  After one passage the wave carries the energy mu L v^2.
+        tension has changed by v sqrt(K mu) of its segment.  After one passage the wave carries the energy mu L v^2.
         """
         p, total = self.chain.p, self.chain.total_length
         rates = p.end_positions(np.zeros(1), 1)[0]
@@ -238,9 +238,11 @@ class ChainRun:
         if not rates.any() or not length.all():
             return {}
         along = (rates * reach).sum(axis=1) / length
+        parts = (p.segments[0], p.segments[-1]) if p.segments else (p, p)
+        impedance = np.array([math.sqrt(part.stiffness * part.mass) for part in parts])
         return {
             "start_jolt_speed": math.sqrt(square(rates).max()),
-            "start_jolt_tension": float(np.abs(along).max()) * math.sqrt(p.stiffness * p.mass),
+            "start_jolt_tension": float((np.abs(along) * impedance).max()),
             "start_jolt_energy": p.mass * total * float((along**2).sum()),
         }
 

@@ -375,3 +375,13 @@ def test_modes_by_mass_are_orthonormal_by_the_masses_of_the_particles() -> None:
     np.testing.assert_allclose(gram / gram[0, 0], np.eye(2), atol=1e-12)
     plain = {key: value for key, value in GUY.items()}
     assert "particle_mass" not in cp.chain.simulate(cp.make_scene(plain), step=1e-4).coords
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.errors.VelocityJumpWarning")
+def test_wave_of_a_jump_is_that_of_the_segment_at_its_end() -> None:
+    motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.5]}}}
+    scene = string(600, segment=[{"to": 0.5, "area": 4.0, "density": 8.0}, {}], motion=motion)
+    passage = 0.3 * LENGTH / math.sqrt(STIFFNESS / MASS)  # to 0.7 of the length, before the border
+    run = cp.chain.simulate(scene, times=[0.0, passage], step=0.1 * LENGTH / 600 / math.sqrt(STIFFNESS / MASS))
+    behind = run.tension[1, 460:570] - run.tension[0, 460:570]
+    assert float(behind.mean()) == pytest.approx(run.attrs["start_jolt_tension"], rel=0.01)  # the front is not sharp
