@@ -65,7 +65,7 @@ def pieces_of(p: Parameters, total: float) -> Pieces:
     masses = [attachment for attachment in p.attachments if attachment.mass]
     places = np.array(bounds + [attachment.fraction(total) for attachment in masses])
     # place = slope times length of the cable + a constant
-    slopes = np.array(bounds + [_slope(attachment.place_key, attachment.place) for attachment in masses])
+    slopes = np.array(bounds + [attachment.slope(total) for attachment in masses])
     weights = np.array([np.zeros(p.dims) for _ in bounds] + [attachment.weight for attachment in masses])
     weights = weights.reshape(-1, p.dims)
     outside = (places < 0.0) | (places > 1.0)
@@ -80,11 +80,6 @@ def pieces_of(p: Parameters, total: float) -> Pieces:
     stiffness = np.array([segments[i].stiffness if segments else p.stiffness for i in which])
     weight = np.array([segments[i].weight if segments else p.weight for i in which])
     return Pieces(total * np.diff(borders), np.diff(slopes), stiffness, weight + uniform, attached)
-
-
-def _slope(place_key: str, place: float) -> float:
-    """Return the change of the place [m] of an attachment with the length of the cable [m]."""
-    return {"arc_length": place, "distance_from_lower": 0.0, "distance_from_upper": 1.0}[place_key]
 
 
 def size_of(vectors: np.ndarray) -> np.ndarray:

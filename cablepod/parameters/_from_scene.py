@@ -33,7 +33,7 @@ from cablepod.parameters._nonuniform import VARIABLES as NONUNIFORM
 from cablepod.parameters._nonuniform import with_segments_and_attachments
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._particles import check_own, number_of_links, with_means
-from cablepod.parameters._scene_values import check_values
+from cablepod.parameters._scene_values import check_values, refuse_gap
 from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of, temperatures_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.provenance import digest
@@ -299,4 +299,5 @@ def _point_loads(values: Mapping[str, Any]) -> list[PointLoad]:
         _check_present(path, table, ("arc_length",))
         factor = _time_function(values, path, keeps_start=True)
         loads.append(PointLoad(path, float(table["arc_length"]), table["force"], factor))
+    refuse_gap(values, "point_load", POINT_LOAD, len(loads))
     return loads

@@ -23,6 +23,7 @@ from cablepod.parameters._keys import (
     exactly_one,
 )
 from cablepod.parameters._parameters import Attachment, Parameters, Segment
+from cablepod.parameters._scene_values import refuse_gap
 
 #: Distance of places on a cable that count as one, over its length.
 SAME_PLACE = 1e-9
@@ -129,15 +130,22 @@ def with_segments_and_attachments(
 def _expanded(attachment: Attachment, expansion: float, borders: np.ndarray, borders_now: np.ndarray) -> Attachment:
     """Return an attachment at the temperature of the scene, which moves the borders between the segments."""
     if attachment.place_key != "arc_length":
-        return replace(attachment, expansion=expansion)
+        return replace(attachment, expansion=expansion, borders=(tuple(borders.tolist()), tuple(borders_now.tolist())))
     return replace(attachment, place=float(np.interp(attachment.place, borders, borders_now)))
 
 
 def _tables(values: Mapping[str, Any], name: str, keys: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the tables of a list, up to the first number that has no key."""
+    """Return the tables of a list.
+
+    Raises
+    ------
+    SceneError
+        For a table whose number is not the next one, as in a Dataset that lost the table before it.
+    """
     tables: list[dict[str, Any]] = []
     while table := table_at(values, listed_path(name, len(tables) + 1), keys):
         tables.append(table)
+    refuse_gap(values, name, keys, len(tables))
     return tables
 
 
@@ -190,7 +198,7 @@ def _attachments(values: Mapping[str, Any], p: Parameters, above: str) -> tuple[
     for number, table in enumerate(_tables(values, "attachment", ATTACHMENT), start=1):
         path = listed_path(f"{above}attachment", number)
         place = exactly_one(path, table, PLACE_KEYS)
-        numbers = {name: float(table.get(name, 0.0)) for name in ATTACHED_KEYS}
+        numbers: dict[str, Any] = {name: float(table.get(name, 0.0)) for name in ATTACHED_KEYS}
         given = table.get("direction")
         check_direction_given(path, table)
         if any(numbers.values()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property, reduce
@@ -62,6 +63,8 @@ class Segment:
 
 #: Fields of a segment that say where it is, and its vector.
 PLACED = ("start", "end", "weight")
+#: Borders of a cable of one segment, before and after a change of temperature, as fractions of the length.
+WHOLE = ((0.0, 1.0), (0.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +81,36 @@ class Attachment:
     spring: float  #: force per displacement from rest along `direction` [N/m]
     direction: np.ndarray | None  #: unit vector (dims,); None without damper and spring
     expansion: float = 1.0  #: length of the cable over that at which a distance is given
+    #: Borders of the segments as fractions, of the length at which a distance is given and of that now.
+    borders: tuple[tuple[float, ...], tuple[float, ...]] = WHOLE
 
     def fraction(self, length: float) -> float:
         """Return the place as a fraction of the unstretched `length` [m], unchecked."""
         if self.place_key == "arc_length":
             return self.place
+        offset, rate = self._of_part(given := self._given(length))
+        return offset + rate * given
+
+    def slope(self, length: float) -> float:
+        """Return the change of the place [m] with the unstretched `length` [m] of the cable."""
+        if self.place_key == "arc_length":
+            return self.place
+        offset, rate = self._of_part(self._given(length))
+        return offset if self.place_key == "distance_from_lower" else offset + rate
+
+    def _given(self, length: float) -> float:
+        """Return the place given by a distance as a fraction of the length at which it is given."""
         below = self.place * self.expansion / length
         return below if self.place_key == "distance_from_lower" else 1.0 - below
+
+    def _of_part(self, given: float) -> tuple[float, float]:
+        """Return offset and rate of the fraction now by the `given` one, in the segment in which this is."""
+        given_at, now_at = self.borders
+        if given_at == now_at:
+            return 0.0, 1.0
+        part = min(max(bisect(given_at, given) - 1, 0), len(given_at) - 2)
+        rate = (now_at[part + 1] - now_at[part]) / (given_at[part + 1] - given_at[part])
+        return now_at[part] - rate * given_at[part], rate
 
 
 @dataclass(frozen=True, eq=False)  # compared and hashed by identity, see SceneContent

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.parameters._key_paths import dotted, key_at, variable_name
+from cablepod.errors import SceneError
+from cablepod.parameters._key_paths import dotted, key_at, listed_path, variable_name
 from cablepod.parameters._keys import Key, time_function_keys
 
 
@@ -69,3 +70,21 @@ def _check(name: str, kind: str | None, value: Any) -> None:
 def _key(path: str, kind: str | None) -> Key | None:
     known = kind if kind in time_function_keys("1") else None  # another kind is refused where it is read
     return key_at(path.split("."), lambda _: known)
+
+
+def refuse_gap(values: Mapping[str, Any], table: str, keys: Iterable[str], count: int) -> None:
+    """Refuse a table of a list whose number is above `count`, where the numbers of the list end.
+
+    Raises
+    ------
+    SceneError
+        The message names the table.
+    """
+    beginning, known = variable_name(f"{table}."), tuple(keys)
+    for name in values:
+        if not name.startswith(beginning):
+            continue
+        number, _, key = name.removeprefix(beginning).partition("_")
+        if key in known and number.isdecimal() and int(number) > count:
+            path, missing = listed_path(table, int(number)), listed_path(table, count + 1)
+            raise SceneError(f"{path}: given without {missing}; allowed: tables numbered from 1, without a gap")

@@ -175,3 +175,26 @@ def test_scene_file_and_archive_keep_the_tables(tmp_path: Any) -> None:
     by_path |= {"attachment.1.arc_length": 0.5, "attachment.1.mass": 60.0}
     by_path |= {f"attachment.2.{name}": value for name, value in damper.items()}
     assert cp.make_scene({**BASE, **by_path}).id == scene.id
+
+
+@pytest.mark.parametrize(
+    ("lost", "message"),
+    [
+        ("attachment_1_", r"^attachment\.2: given without attachment\.1; allowed: tables numbered from 1"),
+        ("segment_1_", r"^segment\.2: given without segment\.1; allowed: tables numbered from 1"),
+        ("point_load_1_", r"^point_load\.2: given without point_load\.1; allowed: tables numbered from 1"),
+    ],
+)
+def test_a_dataset_that_lost_one_of_several_tables_is_refused(lost: str, message: str) -> None:
+    lists = {
+        "segment": [{"to": 0.4, "area": 2e-4}, {}],
+        "attachment": [MASS, {"arc_length": 0.2, "mass": 5.0}],
+        "point_load": [{"arc_length": place, "force": [0.0, -9.0]} for place in (0.3, 0.6)],
+    }
+    scene = cp.make_scene({**BASE, **lists})
+    left = scene.drop_vars([name for name in scene.data_vars if str(name).startswith(lost)])
+    with pytest.raises(SceneError, match=message):
+        cp.catenary.rest(left)
+    more = scene.rename({name: str(name).replace("_2_", "_7_") for name in scene.data_vars if "_2_" in str(name)})
+    with pytest.raises(SceneError, match="allowed: tables numbered from 1"):
+        cp.catenary.rest(more)

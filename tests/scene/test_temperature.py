@@ -11,6 +11,8 @@ import xarray as xr
 from references import catenary_mpmath as reference
 
 import cablepod as cp
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._nonuniform import attachment_fractions
 
 ALPHA = 1.15e-5
 GUY = {
@@ -148,6 +150,32 @@ def test_segments_and_attached_masses_are_at_the_temperature():
         assert float(cold["tension_upper"]) > 20000.0
         for name in ("unstretched_length", "tension_lower", "tension_upper"):
             assert float(cold[name]) == pytest.approx(float(same[name]), rel=1e-9), (chosen, name)
+
+
+def test_a_distance_is_on_the_same_piece_of_rope_at_every_temperature():
+    # 0.3 of a length, and the distance of this place at the reference temperature, are one place; so are the border of the
+    # segments and the distance at which it is, where another place would leave a sliver of an element
+    cable = {name: value for name, value in GUY["cable"].items() if name != "top_tension"} | {
+        "unstretched_length": 100.0
+    }
+    segments = [
+        {"to": 0.3, "thermal_expansion": 2.3e-5},
+        {"to": 0.7, "mass_per_length": 3.0},
+        {"thermal_expansion": 0.0},
+    ]
+    scene = {**GUY, "cable": cable, "temperature": 80.0, "segment": segments}
+    for place in (0.1, 0.3, 0.5, 0.9):
+        found = []
+        for given in (
+            {"arc_length": place},
+            {"distance_from_lower": 100.0 * place},
+            {"distance_from_upper": 100.0 - 100.0 * place},
+        ):
+            warm = cp.make_scene({**scene, "attachment": [{**given, "mass": 50.0}]})
+            length = float(cp.catenary.rest(warm)["unstretched_length"])
+            found.append(float(attachment_fractions(parameters(warm), length)[0]) * length)
+        below = min(place, 0.3) * 2.3e-5 + max(min(place, 0.7) - 0.3, 0.0) * ALPHA  # part times coefficient
+        assert found == pytest.approx([100.0 * (place + 60.0 * below)] * 3, rel=1e-13), place
 
 
 def test_ice_grows_on_the_cable_at_its_temperature():
