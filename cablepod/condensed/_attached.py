@@ -89,6 +89,12 @@ def stiffness_of_springs(model: Coefficients) -> np.ndarray:
     return np.einsum("a,ai,aj->aij", springs, model.attached_shapes, model.attached_shapes)
 
 
+def roots_of_springs(model: Coefficients) -> np.ndarray:
+    """Return the shapes along which springs act, times the roots of their stiffnesses (springs, r) [1/s]."""
+    springs = np.array([attachment.spring for attachment, _ in loading(model.chain)])
+    return (np.sqrt(springs)[:, None] * model.attached_shapes)[springs > 0.0]
+
+
 def damping_of_dampers(model: Coefficients) -> np.ndarray:
     """Return the damping matrix of all dampers (r, r) [1/s]; without entries: none."""
     chain, matrix = model.chain, np.zeros((len(model.shapes), len(model.shapes)))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cablepod.condensed._attached import roots_of_springs
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms
 from cablepod.condensed._terms import runtime_sizes, terms_of_lane
@@ -197,6 +198,7 @@ def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> Er
         enriched_in_plane=model.n_in_plane,
         inertia=model.inertia[None],
         damping=np.array([chain.p.damping], dtype=float),
+        springs=roots_of_springs(model)[None],
         green=False,
         leading=True,
         corrections=CORRECTIONS_LEADING,
@@ -258,6 +260,7 @@ def scaled_terms(
         enriched_in_plane=unit.n_in_plane,
         inertia=mass[..., None] ** (powers > 0.0) * length[..., None] ** powers * at.inertia,
         damping=cables.damping,
+        springs=np.empty((count, 0, size)),
         green=green,
         leading=leading,
         corrections=CORRECTIONS_LEADING if leading else CORRECTIONS,

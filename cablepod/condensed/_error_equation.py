@@ -150,10 +150,12 @@ def grown_errors(
     squares, largest, vectors = (
         np.empty((members, samples)),
         np.zeros((members, size + 1)),
-        np.zeros((members, 7, size)),
+        np.zeros((members, 8 + terms.springs.shape[1], size + 2)),
     )
-    vectors[:, 0], vectors[:, 1] = errors, error_rates
-    kernel.error_growth(terms.sizes, terms.enriched, terms.damping, interval, *drive, vectors, squares, largest)
+    vectors[:, 0, :size], vectors[:, 1, :size] = errors, error_rates
+    kernel.error_growth(
+        terms.sizes, terms.enriched, terms.damping, terms.springs, interval, *drive, vectors, squares, largest
+    )
     return squares, largest
 
 

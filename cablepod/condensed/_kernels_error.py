@@ -151,37 +151,75 @@ def exact_forces(
                 largest_force[member, t] = sums[LARGEST_FORCE, t - begin] + shift * sums[TENSION_CHANGE, t - begin]
 
 
+@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
+def _hold_by_springs(springs, part, inverse_mass, held, force, across):
+    """Replace two vectors x (R,) by M (M + part sum_a s_a s_a^T)^-1 x, with the diagonal mass M.
+
+    By Sherman and Morrison, dyad by dyad: (M + ...)^-1 x = M^-1 x - sum_a z_a (z_a . x), with the work vectors z_a in `held`.
+    """
+    size = springs.shape[1]
+    for a in range(springs.shape[0]):
+        for i in range(size):
+            held[a, i] = springs[a, i] * inverse_mass[i]
+        for b in range(a):
+            along = 0.0
+            for i in range(size):
+                along += held[b, i] * springs[a, i]
+            for i in range(size):
+                held[a, i] -= along * held[b, i]
+        square = 0.0
+        for i in range(size):
+            square += springs[a, i] * held[a, i]
+        factor = math.sqrt(part / (1.0 + part * square))
+        for i in range(size):
+            held[a, i] *= factor
+    for a in range(springs.shape[0]):  # all act on the given vectors
+        of_force, of_across = 0.0, 0.0
+        for i in range(size):
+            of_force += held[a, i] * force[i]
+            of_across += held[a, i] * across[i]
+        held[a, size] = of_force
+        held[a, size + 1] = of_across
+    for a in range(springs.shape[0]):
+        of_force, of_across = held[a, size], held[a, size + 1]
+        for i in range(size):
+            force[i] -= of_force * held[a, i] / inverse_mass[i]
+            across[i] -= of_across * held[a, i] / inverse_mass[i]
+
+
 @compiled(fastmath=FAST_DIVISION, counted=False)
 def error_growth(
-    sizes, enriched, damping, step, rows, y, difference, largest_force, vectors, mean_squares, largest
+    sizes, enriched, damping, springs, step, rows, y, difference, largest_force, vectors, mean_squares, largest
 ):  # fmt: skip
     """Integrate the error equations of members on sampled instants.
 
     Central differences with an effective mass: M (e(t + h) - 2 e(t) + e(t - h)) / h^2 = force, where M is 1 + h^2 K / 12 for
     modes that the step resolves (fourth order for constant K) and at least 0.3 h^2 K for others (stable at any step), with N at
-    most its maximum along the cable for K, plus a multiple of the dyad of the sag's stiffness.
+    most its maximum along the cable for K, plus multiples of the dyads of the stiffness of sag and springs.
 
     Parameters
     ----------
-    sizes, enriched, damping
+    sizes, enriched, damping, springs
         See :class:`cablepod.condensed._kernels_layout.ErrorTerms`.
     step
         Interval of the samples [s].
     rows, y, difference, largest_force
         See :class:`cablepod.condensed._error_equation.Drive`.
     vectors
-        Errors at the start, their rates, and work arrays (members, 7, R); changed.
+        Errors at the start, their rates, and work arrays (members, 8 + springs, R + 2); changed.
     mean_squares
         Filled: sums of the squares of the error's coordinates (members, samples) [kg m^2].
     largest
         Filled: the errors where that is largest, and the number of the sample (members, R + 1).
     """
-    size, squared_step, columns = y.shape[2], step * step, rows.shape[2]
+    size, squared_step, columns, count = y.shape[2], step * step, rows.shape[2], springs.shape[1]
+    margin = MARGIN if count == 0 else 0.5 * MARGIN  # shared by sag and springs
     for member in range(y.shape[0]):
         own, flat, damped = _of_member(enriched, member), rows[member].reshape(-1), damping[member] * step
         kappa, sag_stiffness, furthest = own.kappa, 2.0 * own.sag_stiffness[0], -1.0
         e, increment, position, force = vectors[member, 0], vectors[member, 1], vectors[member, 2], vectors[member, 3]
         inverse_mass, slope, tension = vectors[member, 4], vectors[member, 5], vectors[member, 6]
+        across, held = vectors[member, 7], vectors[member, 8:]
         for t in range(y.shape[1]):
             square = 0.0
             for i in range(size):
@@ -196,20 +234,27 @@ def error_growth(
             _forces(sizes, own, flat, t * columns, position, tension, force)
             # at the start `increment` is the rate: half a force acts, and half of the damping
             stiffest, need, cross, dyad = squared_step * max(largest_force[member, t], 0.0), 0.0, 0.0, 0.0
+            need_of_springs = 0.0
             part, factor = (1.0, 1.0) if t else (0.5, step)
             for i in range(size):
                 stiffness = stiffest * kappa[i]
                 mass = max(1.0 + stiffness / 12.0, ADDED_MASS * stiffness)
                 slope[i], increment[i] = kappa[i] * position[i], factor * increment[i]
                 need += slope[i] * slope[i] / (mass - 0.25 * stiffness)
+                for a in range(count):
+                    need_of_springs += springs[member, a, i] * springs[member, a, i] / (mass - 0.25 * stiffness)
                 inverse_mass[i] = 1.0 / (mass + 0.5 * damped)
                 force[i] = part * (squared_step * (force[i] + difference[member, t, i]) - damped * increment[i])
+                across[i] = slope[i]
+            # as little of these stiffnesses as stability allows: a twelfth, as for the other modes, or up to a quarter
+            part = max(squared_step / 12.0, 0.25 * squared_step - margin / max(need_of_springs, 1e-300))
+            _hold_by_springs(springs[member], part, inverse_mass, held, force, across)
+            for i in range(size):
                 cross += slope[i] * force[i] * inverse_mass[i]
-                dyad += slope[i] * slope[i] * inverse_mass[i]
-            # as little of the sag's stiffness as stability allows: a twelfth, as for the other modes, or up to a quarter
+                dyad += slope[i] * across[i] * inverse_mass[i]
             sag = squared_step * sag_stiffness
-            part = max(sag / 12.0, 0.25 * sag - MARGIN / max(need, 1e-300))
+            part = max(sag / 12.0, 0.25 * sag - margin / max(need, 1e-300))
             cross *= part / (1.0 + part * dyad)
             for i in range(size):
-                increment[i] += (force[i] - cross * slope[i]) * inverse_mass[i]
+                increment[i] += (force[i] - cross * across[i]) * inverse_mass[i]
                 e[i] += increment[i]

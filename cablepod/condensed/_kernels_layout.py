@@ -231,6 +231,7 @@ class ErrorTerms(NamedTuple):
     enriched_in_plane: int  #: the same of the enriched model
     inertia: np.ndarray  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_closure._chordwise_momentum`
     damping: np.ndarray  #: by mass, a number of each member [1/s]
+    springs: np.ndarray  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]
     green: bool  #: whether law (21) holds
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure
