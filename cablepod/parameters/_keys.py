@@ -256,8 +256,10 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
     checked: dict[str, Any] = {}
     for name, value in table.items():
         if name not in keys:
+            below = f"{prefix}."
+            allowed = [*keys, *(table.removeprefix(below) for table in TABLES if table.startswith(below))]
             raise SceneError(
-                f"{join(prefix, name)}: unknown key; allowed: {', '.join(keys)}{meant(prefix, name, keys)}"
+                f"{join(prefix, name)}: unknown key; allowed: {', '.join(allowed)}{meant(prefix, name, allowed)}"
             )
         checked[name] = keys[name].check(join(prefix, name), value)
     for name, key in keys.items():

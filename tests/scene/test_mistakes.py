@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scene_files import LOAD, put, refused
 
+import cablepod as cp
+
 BIG = 10**400
 BEYOND = 10**5000  # more digits than Python writes
 RAMP = {"kind": "ramp", "amplitude": 1.0, "duration": 1.0}
@@ -369,3 +371,11 @@ def test_a_value_that_cannot_be_shown(soft):
         put(soft, "cable.area", Mute()),
         r"^cable\.area: given something of type Mute that cannot be shown; allowed: a finite number",
     )
+
+
+@pytest.mark.parametrize("wrong", ["turbulance", "turbulenc"])
+def test_a_misspelt_table_in_a_table_is_named(wrong, soft):
+    soft["cable"]["diameter"] = 0.02
+    wind = {"speed": 10.0, "direction": [1.0, 0.0], wrong: {"spectrum": "kaimal"}}
+    with pytest.raises(cp.SceneError, match=rf"^wind\.{wrong}: .*allowed: .*, turbulence; try: wind\.turbulence$"):
+        cp.make_scene({**soft, "wind": wind})
