@@ -142,7 +142,8 @@ def text(study: xr.DataTree, folder: Path) -> str:
         line = f"{row['guy']:>3}{row['level']:>11g}{direction(anchor[0], anchor[2]):>10}{place(np.array(anchor)):>21}"
         line += f"{1e-3 * row['rest']:>9.3f}{columns(row)}"
         if "utilisation" in row:
-            line += f"{100.0 * row['utilisation']:>6.1f} %"
+            used = 100.0 * row["utilisation"]
+            line += f"{used:>6.1f} %" if used < 999.95 else f"{'>999':>6} %"
         lines.append(line)
     return "\n".join([*lines, "", files_text(folder, FIGURES)])
 

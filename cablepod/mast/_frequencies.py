@@ -21,6 +21,7 @@ from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.scene._mast_notes import warn_of_unusual_mast, warn_of_unusual_mast_members
 from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
 
@@ -28,7 +29,7 @@ from cablepod.wind._profile import air_at_rest
 KINDS = ("condensed", "chain", "catenary")
 
 
-@over_members_by(no_plan, kind=MAST_SCENE)
+@over_members_by(no_plan, warn_of_unusual_mast_members, kind=MAST_SCENE)
 def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, rank: int = 8) -> xr.Dataset:
     """Compute the lowest frequencies of mast and guys about rest in the mean wind of the scene, without damping.
 
@@ -56,6 +57,11 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     SceneError
         For invalid options, condensed guys with segments or attachments, and as :func:`rest`.
 
+    Warns
+    -----
+    UnusualSceneWarning
+        As :func:`rest`.
+
     Notes
     -----
     All unknowns of the beam are kept, no modes of it are left out.  The tension of the guys contains that of the mean drag on
@@ -79,6 +85,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
         refuse_things(p, guys)
     air = mean_mast_air(p)
     at_rest = rest_in(p, air)
+    warn_of_unusual_mast(p, at_rest.tension)
     n, r2 = at_rest.beam.count, 0
     thirds = [mass_at_mast(guy.p, guy.length) for guy in at_rest.bare]
     if guys == "catenary" or not p.guys:

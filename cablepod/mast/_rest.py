@@ -19,11 +19,12 @@ from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.scene._mast_notes import warn_of_unusual_mast, warn_of_unusual_mast_members
 from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
 
 
-@over_members_by(no_plan, kind=MAST_SCENE)
+@over_members_by(no_plan, warn_of_unusual_mast_members, kind=MAST_SCENE)
 def rest(scene: xr.Dataset) -> xr.Dataset:
     """Compute the equilibrium of a mast and its guys under weight, ice, loads at time 0 and mean wind.
 
@@ -51,6 +52,8 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     -----
     OutOfRangeWarning
         For slopes of the mast above a tenth: its equations hold for small slopes.
+    UnusualSceneWarning
+        Of the worst that :func:`summary` notes of units.
 
     Notes
     -----
@@ -70,6 +73,7 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     p = mast_parameters(scene)
     air = mean_mast_air(p)
     found = rest_in(p, air)
+    warn_of_unusual_mast(p, found.tension)
     beam, levels = found.beam, p.levels
     warn_of_slopes(beam, slopes_of(beam, beam.all_rows @ found.unknowns)[None])
     nodes = np.array([beam.node(level) for level in levels])

@@ -37,6 +37,7 @@ from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
+from cablepod.scene._mast_notes import warn_of_unusual_mast
 from cablepod.wind._air import has_record
 from cablepod.wind._mast_air import mast_air
 
@@ -75,6 +76,7 @@ class MastCase:
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
         self.mast = modal_mast(rest_in(calm_parameters(scene), air))
+        warn_of_unusual_mast(p, self.mast.rest.tension)
         self.model = self._model(self.count)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,

@@ -11,9 +11,10 @@ from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.mast._runs import MastCase
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.scene._mast_notes import warn_of_unusual_mast_members
 
 
-@over_members_by(no_plan, kind=MAST_SCENE)
+@over_members_by(no_plan, warn_of_unusual_mast_members, kind=MAST_SCENE)
 def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset | None = None,
@@ -93,7 +94,7 @@ def simulate(
     NotConvergedWarning
         If the tolerance is not met.
     UnusualSceneWarning
-        For guys that do not break before the end of the run.
+        For guys that do not break before the end of the run, and of the worst that :func:`summary` notes of units.
 
     Notes
     -----

@@ -12,6 +12,7 @@ from cablepod.mast._beam import Beam, beam_of
 from cablepod.mast._drag import MastDrag, drag_of_mast
 from cablepod.mast._guys import GuyStatics, StaticGuy, static_guys, with_mean_drag
 from cablepod.parameters._mast import MastParameters
+from cablepod.scene._mast_notes import mast_hint
 from cablepod.wind._mast_air import MastAir
 
 #: Maximum number of Newton iterations, and the last correction over the height.
@@ -186,7 +187,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
             return rest
     raise SceneError(
         f"mast: no rest found with displacements below {MAX_DEFLECTION:g} of the height; allowed: loads and wind that mast and "
-        "guys carry"
+        f"guys carry{mast_hint(p)}"
     )
 
 
@@ -217,9 +218,10 @@ def check_buckling(rest: MastRest) -> None:
                 "guy: given guys that do not hold the mast in all directions; allowed: guys on three sides, or mast.base "
                 '"clamped"'
             )
+        said = mast_hint(rest.p) or "; try: guys of lower tension or a stiffer mast"
         raise SceneError(
             f"mast.bending_stiffness: given a mast that buckles under its weight and guys, {compression:.4g} N at its foot: "
-            f"critical factor {factor:.4g}; allowed: a critical factor above 1; try: guys of lower tension or a stiffer mast"
+            f"critical factor {factor:.4g}; allowed: a critical factor above 1{said}"
         )
 
 

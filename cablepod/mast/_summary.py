@@ -18,7 +18,8 @@ from cablepod.mast._piecewise_guys import first_thing
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
-from cablepod.scene._notes import notes_of_temperatures
+from cablepod.scene._mast_notes import notes_of_mast
+from cablepod.scene._notes import without_warnings
 
 #: Number of frequencies.
 FREQUENCIES = 6
@@ -70,8 +71,9 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     Notes
     -----
     Notes tell of guys that move as chains, of a critical factor of buckling below 3, guys that are nearly slack at rest,
-    displacements at rest beyond a fiftieth of the height, where slopes are no longer small, temperatures that are likely in
-    kelvins, and guys that break after the end of the run.
+    displacements at rest beyond a fiftieth of the height, where slopes are no longer small, guys that break after the end of
+    the run, and numbers that are likely in another unit, with that unit: of the mast, of its guys as of a cable, of wind, ice,
+    damping and temperatures.  They also tell of a mast in wind without a drag area and of levels with fewer than three guys.
 
     Examples
     --------
@@ -81,6 +83,11 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     >>> round(float(numbers.buckling_factor), 2), numbers.frequency.values[:2].round(2).tolist(), str(numbers.note.values)
     (3.26, [0.73, 0.73], '')
     """
+    with without_warnings():  # the notes tell it
+        return _summary(scene)
+
+
+def _summary(scene: xr.Dataset) -> xr.Dataset:
     p = mast_parameters(scene)
     at_rest, variables = _numbers(scene, p)
     if p.wind is not None:
@@ -89,7 +96,7 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         parts = (_numbers(still, mast_parameters(still))[1], in_wind)
         for ending, numbers in zip((OF_STILL_AIR, OF_MEAN_WIND), parts, strict=True):
             variables |= {f"{name}{ending}": value for name, value in numbers.items() if name not in OF_THE_SCENE}
-    variables["note"] = xr.Variable((), "\n".join(_notes(p, at_rest)))
+    variables["note"] = xr.Variable((), "\n".join(_notes(p, at_rest, _largest_tensions(variables))))
     coords: dict[str, Any] = {"mode": np.arange(1, variables["frequency"].size + 1)}
     if p.guys:
         coords |= {name: at_rest[name] for name in ("guy", "guy_level", "table")}
@@ -139,9 +146,19 @@ def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str
     return at_rest, variables
 
 
-def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:
+def _largest_tensions(variables: dict[str, xr.Variable]) -> np.ndarray | None:
+    """Return the largest tension of each guy at rest, in the mean wind where there is one [N]; None without guys or rest."""
+    ending = OF_MEAN_WIND if f"guy_tension{OF_MEAN_WIND}" in variables else ""
+    ends = [variables[f"{name}{ending}"].values for name in ("guy_tension", "guy_tension_anchor") if name in variables]
+    return np.max(ends, axis=0) if ends and np.isfinite(ends).all() else None
+
+
+def _notes(p: MastParameters, at_rest: xr.Dataset, tensions: np.ndarray | None) -> list[str]:
     """Return what is unusual, a line each."""
-    notes = [f"{note.key}: {note.text}" for note in notes_of_temperatures(p.temperatures)]
+    notes = []
+    for found, changes in notes_of_mast(p, tensions):
+        notes += [f"{note.key}: {note.text}" for note in found]
+        notes += [f"perhaps {text}" for _, text in changes]
     notes += [] if p.duration is None else p.late_breaks(p.duration)
     if (thing := first_thing(p)) is not None:
         notes.append(f"{thing}: guys move as chains of {links_of(p)} links, which chain.links changes")
@@ -156,6 +173,4 @@ def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:
     largest = float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())
     if largest > LARGE_DISPLACEMENT * p.height:
         notes.append(f"the mast leans by {largest:.3g} m at rest, where slopes are no longer small")
-    if p.wind is not None and not p.sections[:, 4].any():
-        notes.append("mast.drag_area is 0: the wind acts on the guys alone")
     return notes

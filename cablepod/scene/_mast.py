@@ -37,6 +37,7 @@ from cablepod.scene._check import (
     check_with_factor,
 )
 from cablepod.scene._limits import MAX_STRAIN
+from cablepod.scene._mast_notes import guy_hint
 from cablepod.scene._strands import with_strand
 from cablepod.scene._wind import check_wind
 
@@ -287,11 +288,15 @@ def check_mast_numbers(p: MastParameters) -> None:
                              "allowed: one that is finite during the run")  # fmt: skip
     for guy in p.guys:
         bare = guy.p if guy.p.bare is None else guy.p.bare
-        length, strain = length_and_strain(bare, bare.length_key, bare.length_value, prefix=guy.key)
+        try:
+            length, strain = length_and_strain(bare, bare.length_key, bare.length_value, prefix=guy.key)
+        except SceneError as error:
+            error.args = (f"{error}{guy_hint(guy)}",)
+            raise
         attachment_fractions(bare, length)
         if strain > MAX_STRAIN:
             raise scene_error(
                 f"{guy.key}.{bare.length_key}",
                 bare.length_value,
-                f"a strain of at most {MAX_STRAIN:g} at rest (it is {strain:.3g})",
+                f"a strain of at most {MAX_STRAIN:g} at rest (it is {strain:.3g}){guy_hint(guy)}",
             )

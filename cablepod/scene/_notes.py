@@ -5,13 +5,14 @@ A note is no error: the scene runs.  Its purpose is a number in another unit, a 
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import xarray as xr
@@ -23,8 +24,9 @@ from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
-from cablepod.parameters._temperature import TEMPERATURES
 from cablepod.parameters._time_functions import TimeFunction
+from cablepod.scene._note import Note, outside
+from cablepod.scene._table_notes import notes_of_tables
 
 F = TypeVar("F", bound=Callable[..., Any])
 #: Number of scenes whose warnings are kept.
@@ -39,13 +41,13 @@ STIFFNESS_OVER_MASS = (1e4, 1e9)
 SLENDERNESS = (200.0, 1e5)
 #: Usual ratios of the diameter to that of a solid cross-section of the same area: ropes have gaps, some a cover.
 DIAMETER_OVER_SOLID = (0.5, 20.0)
+#: Usual mass per length over the area of a circle of the diameter [kg/m3]: a thin core with a wide cover, tungsten.
+DENSITY_OF_DIAMETER = (100.0, 25000.0)
 #: Maximum usual thickness of ice [m].
 LARGEST_ICE = 0.3
-#: Maximum usual temperature [degC], of conductors, and difference from that of reference [K]; kelvins are beyond both.
-HIGHEST_TEMPERATURE, LARGEST_DIFFERENCE, ZERO_CELSIUS = 150.0, 100.0, 273.15
 #: Maximum usual area [m2], the main cable of a suspension bridge.
 LARGEST_AREA = 1.0
-#: Usual gravitational acceleration [m/s2] beside 0: Moon to Jupiter.
+#: Usual gravitational acceleration [m/s2]: Moon to Jupiter.
 GRAVITY = (1.0, 30.0)
 #: Maximum usual stress at rest [Pa] and strain: the strongest steel wire, and above the strain at break of steel and aramid.
 LARGEST_STRESS, LARGEST_STRAIN = 2.5e9, 0.05
@@ -62,21 +64,13 @@ UNITS: dict[str, dict[float, str]] = {
     "specific_weight": {1e3: "kN/m3", 1e6: "MN/m3", 1e-3: "", 1e-6: ""},
     "density": {1e3: "t/m3", 1e6: "", 1e-3: "", 1e-6: ""},
     "axial_stiffness": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
-    "mass_per_length": {1e-3: "g/m", 1e3: "t/m", 1e-6: "", 1e6: ""},
+    "mass_per_length": {1.0 / 9.81: "N/m", 1e-3: "g/m", 1e3: "t/m", 1e-6: "", 1e6: ""},
     "force": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
     "gravity": {1e-3: "mm/s2", 1e-6: ""},
     "load": {1e-3: "", 1e-6: ""},
     "diameter": {1e-3: "mm", 1e-2: "cm", 1e3: ""},
     "length": {1e-3: "mm", 1e-2: "cm", 1e3: "km", 1e-6: "", 1e6: ""},
 }
-
-
-class Note(NamedTuple):
-    """Something unusual in a scene."""
-
-    key: str  #: key path that is likely wrong
-    text: str  #: the value and what is usual
-    excess: float  #: distance from what is usual, in powers of ten
 
 
 @dataclass(frozen=True)
@@ -155,7 +149,7 @@ def _largest(function: TimeFunction | None, end_time: float) -> float:
 
 
 def notes_of(p: Parameters, tension: float | None = None) -> tuple[Note, ...]:
-    """Return the notes on a scene, the worst first.
+    """Return the notes on a scene: on its cable, which another unit may explain, and then on its tables; each the worst first.
 
     Parameters
     ----------
@@ -169,36 +163,49 @@ def notes_of(p: Parameters, tension: float | None = None) -> tuple[Note, ...]:
     SceneError
         If the scene has no equilibrium.
     """
+    return *_notes_of_units(p, tension), *worst_first(notes_of_tables(p, _mass_of_ice(p)))
+
+
+def worst_first(notes: Iterable[Note]) -> list[Note]:
+    """Return notes in the order of their excess."""
+    return sorted(notes, key=lambda note: -note.excess)
+
+
+def _notes_of_units(p: Parameters, tension: float | None = None) -> list[Note]:
+    """Return the notes on a cable, its rest and its motion, that one key in another unit may explain."""
     numbers = static_numbers(p)
-    found = [*_notes_of_cable(p, numbers), *_notes_of_rest(p, numbers, tension), *_notes_of_motion(p, numbers)]
-    found += notes_of_temperatures(p.temperatures)
-    return tuple(sorted(found, key=lambda note: -note.excess))
+    return worst_first([
+        *_notes_of_cable(p, numbers), *_notes_of_rest(p, numbers, tension), *_notes_of_motion(p, numbers),
+    ])  # fmt: skip
 
 
 def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     gravity = math.hypot(*p.weight) / p.mass
     if gravity > 0.0:
-        yield from _outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
+        yield from outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
     mass = p.mass if p.bare is None else p.bare.mass  # without ice
     if p.masses is None:
-        yield from _outside(f"cable.{p.weight_key}", "a density", mass / numbers.area, DENSITY, "kg/m3")
+        yield from outside(f"cable.{p.weight_key}", "a density", mass / numbers.area, DENSITY, "kg/m3")
     if p.link_stiffness is None:
-        yield from _outside(p.stiffness_path, "a Young's modulus", numbers.modulus, MODULUS, "Pa")
+        yield from outside(p.stiffness_path, "a Young's modulus", numbers.modulus, MODULUS, "Pa")
     if p.area is None and not p.own_keys:
         what = "an axial stiffness over the mass per length"
-        yield from _outside("cable.axial_stiffness", what, p.stiffness / mass, STIFFNESS_OVER_MASS, "m2/s2")
-    yield from _outside("cable.area", "an area", numbers.area, (0.0, LARGEST_AREA), "m2")
+        yield from outside("cable.axial_stiffness", what, p.stiffness / mass, STIFFNESS_OVER_MASS, "m2/s2")
+    yield from outside("cable.area", "an area", numbers.area, (0.0, LARGEST_AREA), "m2")
     slenderness = numbers.chord / numbers.diameter
     what = f"a diameter of {numbers.diameter:.3g} m on a chord of {numbers.chord:.3g} m, with a ratio"
-    yield from _outside("cable.area", what, slenderness, SLENDERNESS, "")
+    yield from outside("cable.area", what, slenderness, SLENDERNESS, "")
     if p.diameter is not None:
         diameter = float(_given_diameter(p))
         what = f"a diameter of {diameter:.3g} m over that of a solid cross-section of the same area, a ratio"
-        yield from _outside("cable.diameter", what, diameter / numbers.diameter, DIAMETER_OVER_SOLID, "")
-        yield from _outside("ice.thickness", "ice", 0.5 * (float(p.diameter) - diameter), (0.0, LARGEST_ICE), "m")
+        yield from outside("cable.diameter", what, diameter / numbers.diameter, DIAMETER_OVER_SOLID, "")
+        yield from outside("ice.thickness", "ice", 0.5 * (float(p.diameter) - diameter), (0.0, LARGEST_ICE), "m")
+        if p.area is None and p.masses is None:
+            what, section = "a density of the section of the diameter", 0.25 * math.pi * diameter**2
+            yield from outside(f"cable.{p.weight_key}", what, mass / section, DENSITY_OF_DIAMETER, "kg/m3")
     if p.breaking_strength is not None:
         what, stress = "a breaking strength over the area", p.breaking_strength / numbers.area
-        yield from _outside("cable.breaking_strength", what, stress, BREAKING_STRESS, "Pa")
+        yield from outside("cable.breaking_strength", what, stress, BREAKING_STRESS, "Pa")
 
 
 def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None) -> Iterator[Note]:
@@ -207,13 +214,13 @@ def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None)
     air = "" if p.wind is None else " in still air" if tension is None else " in the mean wind"
     tension = numbers.tension if tension is None else tension
     key, stress = f"cable.{p.length_key}", tension / numbers.area
-    yield from _outside(key, f"a stress at rest{air}", stress, (0.0, LARGEST_STRESS), "Pa")
-    yield from _outside(key, f"a strain at rest{air}", tension / p.stiffness, (0.0, LARGEST_STRAIN), "")
+    yield from outside(key, f"a stress at rest{air}", stress, (0.0, LARGEST_STRESS), "Pa")
+    yield from outside(key, f"a strain at rest{air}", tension / p.stiffness, (0.0, LARGEST_STRAIN), "")
     what = "an unstretched length over the chord"
-    yield from _outside(key, what, numbers.length / numbers.chord, (0.0, LARGEST_LENGTH), "")
+    yield from outside(key, what, numbers.length / numbers.chord, (0.0, LARGEST_LENGTH), "")
     if p.breaking_strength is not None:
         what, used = f"a tension at rest{air} over the breaking strength", tension / p.breaking_strength
-        yield from _outside("cable.breaking_strength", what, used, (0.0, 1.0), "")
+        yield from outside("cable.breaking_strength", what, used, (0.0, 1.0), "")
     lower, upper = p.initial_ends
     if upper[1] < lower[1] and p.weight[1] < 0.0:
         drop = f"an upper end {lower[1] - upper[1]:.3g} m below the lower one (swapped?)"
@@ -225,45 +232,15 @@ def _given_diameter(p: Parameters) -> Any:
     return p.diameter if p.bare is None else p.bare.diameter
 
 
-def notes_of_temperatures(temperatures: tuple[float, float] | None) -> Iterator[Note]:
-    """Yield the note of a temperature or reference temperature [degC] that is likely in kelvins, or far from the other."""
-    if temperatures is None:
-        return
-    given, reference = temperatures
-    for key, value in zip(TEMPERATURES, temperatures, strict=True):
-        if value > HIGHEST_TEMPERATURE:
-            usual = (
-                f"usual: up to {HIGHEST_TEMPERATURE:g} degC; kelvins? {value:g} K are {value - ZERO_CELSIUS:.6g} degC"
-            )
-            yield Note(key, f"a temperature of {value:g} degC ({usual})", math.log10(value / HIGHEST_TEMPERATURE))
-            return
-    difference = abs(given - reference)
-    if difference > LARGEST_DIFFERENCE:
-        what = f"a temperature of {given:g} degC, {difference:g} K from the reference temperature of {reference:g} degC"
-        usual = f"usual: up to {LARGEST_DIFFERENCE:g} K; is one of them in another unit, kelvins?"
-        yield Note("temperature", f"{what} ({usual})", math.log10(difference / LARGEST_DIFFERENCE))
-
-
 def _notes_of_motion(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     what = "a displacement over the chord"
-    yield from _outside(numbers.motion_key, what, numbers.motion / numbers.chord, (0.0, LARGEST_MOTION), "")
+    yield from outside(numbers.motion_key, what, numbers.motion / numbers.chord, (0.0, LARGEST_MOTION), "")
     weight = math.hypot(*p.weight) * numbers.length
     if weight > 0.0 and numbers.load > LARGEST_LOAD * weight:
         largest = max((math.hypot(*point.force) for point in p.point_loads), default=0.0)
         uniform = p.load is not None and math.hypot(*p.load) * numbers.length >= largest
         key = "load.uniform" if uniform else "point_load.force"
-        yield from _outside(key, "loads over the weight", numbers.load / weight, (0.0, LARGEST_LOAD), "")
-
-
-def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit: str) -> Iterator[Note]:
-    """Yield the note of a value outside the usual range; none of nan."""
-    low, high = usual
-    if low <= value <= high or not value > 0.0:
-        return
-    excess = math.log10(low / value if value < low else value / high)
-    within = f"up to {high:g}" if low == 0.0 else f"{low:g} to {high:g}"
-    unit = f" {unit}" if unit else ""
-    yield Note(key, f"{what} of {value:.3g}{unit} (usual: {within}{unit})", excess)
+        yield from outside(key, "loads over the weight", numbers.load / weight, (0.0, LARGEST_LOAD), "")
 
 
 # --- the key that is likely wrong ---------------------------------------------------------------------------------------
@@ -271,7 +248,7 @@ def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit
 
 def likely_keys(p: Parameters) -> list[tuple[str, str]]:
     """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units; of uniform cables."""
-    if p.segments or p.attachments:
+    if p.segments or p.attachments or _is_usual(p):
         return []
     keys = [*(["area"] if p.area is not None else []), *([p.stiffness_key] if p.link_stiffness is None else [])]
     keys += [*([p.weight_key] if p.masses is None else []), p.length_key, "ends"]
@@ -332,10 +309,10 @@ def _scaled_function(function: TimeFunction, factor: float) -> TimeFunction:
 
 
 def _is_usual(p: Parameters) -> bool:
-    """Tell whether a scene has an equilibrium and nothing unusual."""
+    """Tell whether a scene has an equilibrium and nothing unusual that another unit of a key of its cable may explain."""
     try:
         with np.errstate(all="ignore"):
-            return not notes_of(p)
+            return not _notes_of_units(p)
     except (SceneError, ArithmeticError):
         return False
 
@@ -366,10 +343,11 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
 
 def hint(p: Parameters) -> str:
     """Return the remedy "; try: ..." of the error of a scene whose refusal one key in another unit explains; else empty."""
-    return "" if _is_usual(p) else _remedy(likely_keys(p))
+    return remedy(likely_keys(p))
 
 
-def _remedy(changes: list[tuple[str, str]]) -> str:
+def remedy(changes: list[tuple[str, str]]) -> str:
+    """Return the end of a message, "; try: ...", with the changes of :func:`likely_keys`; empty without any."""
     return f"; try: {' or '.join(text for _, text in changes)}" if changes else ""
 
 
@@ -393,17 +371,36 @@ def warn_once(function: F) -> F:
     return cast(F, wrapper)
 
 
+@contextlib.contextmanager
+def without_warnings() -> Iterator[None]:
+    """Do not warn of what is unusual within this context, whose result tells it."""
+    token = _WARNED.set([True])
+    try:
+        yield
+    finally:
+        _WARNED.reset(token)
+
+
 def warn_of_unusual(p: Parameters) -> None:
     """Warn of the worst note on a scene, at the user's line; a fraction of a microsecond for parameters seen before."""
-    text = _warning(p)
-    warned = _WARNED.get()
-    if text and not warned and not inside_members():
+    warn_with(_warning(p))
+
+
+def may_warn() -> bool:
+    """Tell whether a warning of what is unusual would be given: not within members, and once in functions that warn once."""
+    return not _WARNED.get() and not inside_members()
+
+
+def warn_with(text: str) -> None:
+    """Warn with a text of what is unusual, at the user's line; not with an empty one."""
+    if text and may_warn():
+        warned = _WARNED.get()
         if warned is not None:
             warned.append(True)
         warnings.warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning, user_stacklevel())
 
 
-def checked_members(members: Members) -> list[int]:
+def checked_members(members: Sized) -> list[int]:
     """Return up to :data:`MEMBERS_CHECKED` members that the models look at, the first and the last among them."""
     found: list[int] = np.unique(np.linspace(0, len(members) - 1, MEMBERS_CHECKED).astype(int)).tolist()
     return found
@@ -427,9 +424,13 @@ def _warning(p: Parameters) -> str:
             notes = notes_of(p)
     except (SceneError, ArithmeticError):
         return ""  # the model refuses the scene, or does not need an equilibrium
+    return text_of_warning(notes, likely_keys(p) if notes else [])
+
+
+def text_of_warning(notes: Sequence[Note], changes: list[tuple[str, str]]) -> str:
+    """Return the text of the warning of notes and of the changes of keys that explain the first; empty without notes."""
     if not notes:
         return ""
-    changes = likely_keys(p)
     key = changes[0][0] if changes else notes[0].key
     more = f", and {len(notes) - 1} more" if len(notes) > 1 else ""
-    return f"{key}: the scene has {notes[0].text}{more}{_remedy(changes)}"
+    return f"{key}: the scene has {notes[0].text}{more}{remedy(changes)}"

@@ -20,6 +20,7 @@ from cablepod.parameters._checks import integer, number, numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import scene_kind
+from cablepod.scene._notes import without_warnings
 from cablepod.study._design_numbers import CABLE, MAST, joined, with_damage, with_peaks, with_rest
 from cablepod.study._design_tables import write_tables
 
@@ -109,7 +110,7 @@ def design(
     OutOfRangeWarning
         If guys go slack; the result has them by name.
     UnusualSceneWarning
-        For guys that do not break before the end of a storm.
+        For guys that do not break before the end of a storm, and once of the worst that :func:`cablepod.summary` notes.
 
     Notes
     -----
@@ -143,7 +144,8 @@ def design(
     of_storms = joined(numbers, kind)
     result = _unstacked(of_storms, axes)
     result = with_peaks(result, kind, level)
-    result = with_rest(result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
+    with without_warnings():  # the storms have warned
+        result = with_rest(result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
     if curve is not None:
         result = with_damage(result, kind, shares, _duration(scene, window))
     result.attrs = {

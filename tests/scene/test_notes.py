@@ -315,9 +315,79 @@ def test_the_notes_of_a_known_scene_are_not_computed_again(monkeypatch):
     warn_of_unusual(SceneContent.of(cp.make_scene(SOFT)).parameters())
 
 
-def test_a_scene_without_equilibrium_is_no_matter_of_notes(soft):
+def test_a_weightless_line_is_noted_for_its_gravity_alone(soft):
     # a weightless line longer than its span, which starts from given points
     line = {"points": [[0.0, 0.0], [4.0, 4.0], [8.0, 6.0]]}
     cable = {"youngs_modulus": 2e9, "area": 1e-5, "density": 1000.0, "unstretched_length": 12.0}
     scene = cp.make_scene({**soft, "gravity": 0.0, "cable": cable, "initial": line})
-    assert warned(cp.chain.simulate, scene, times=[0.0, 0.01], step=1e-5) == []
+    (only,) = warned(cp.chain.simulate, scene, times=[0.0, 0.01], step=1e-5)
+    assert str(only.message).startswith("gravity: the scene has a gravitational acceleration of 0")
+
+
+# --- tables beside the cable ---------------------------------------------------------------------------------------------
+
+AIRY = guy(diameter=0.016) | {"wind": WIND}
+SINE = {"kind": "harmonic", "amplitude": 0.2, "angular_frequency": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "said"),
+    [
+        ({"wind": {**WIND, "speed": 86.4}}, "wind.speed", "given in km/h? 86.4 km/h are 24 m/s"),
+        ({"wind": {**WIND, "air_density": 1250.0}}, "wind.air_density", "1.25e+03 kg/m3 (usual: 0.5 to 2 kg/m3)"),
+        ({"wind": {**WIND, "ramp": 11.0}}, "wind.ramp", "11 s, longer than the run of 10 s"),
+        ({"ice": {"thickness": 0.01, "density": 0.9}}, "ice.density", "0.9 kg/m3 (usual: 100 to 1000 kg/m3)"),
+        ({"ice": {"thickness": 0.01, "density": 7000.0}}, "ice.density", "7e+03 kg/m3"),
+        ({"damping": {"ratio": 0.5}}, "damping.ratio", "given in %?"),
+        ({"damping": {"ratios": [0.01, 0.5]}}, "damping.ratios", "given in %?"),
+        ({"motion": {"upper": {"x": {**SINE, "phase": 90.0}}}}, "motion.upper.x.phase", "90 degrees are 1.571 rad"),
+        ({"motion": {"upper": {"x": {**SINE, "phase": -90.0}}}}, "motion.upper.x.phase", "given in degrees?"),
+        ({"load": {"uniform": [15.0, 0.0], **SINE, "phase": 90.0}}, "load.phase", "given in degrees?"),
+        ({"gravity": 0.0}, "gravity", "acceleration of 0"),
+    ],
+)
+def test_tables_beside_the_cable_are_noted(change, key, said):
+    found = [note for note in notes(AIRY | change) if note.key == key]
+    assert [said in note.text for note in found] == [True], notes(AIRY | change)
+    assert all(note.excess >= 0.0 for note in found)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"wind": {**WIND, "speed": 60.0, "air_density": 0.6, "ramp": 10.0}},
+        {"ice": {"thickness": 0.01, "density": 917.0}},
+        {"damping": {"ratio": 0.1}},
+        {"motion": {"upper": {"x": {**SINE, "phase": -6.2832}}}},
+    ],
+)
+def test_usual_tables_have_no_notes(change):
+    assert notes(AIRY | change) == ()
+
+
+def test_a_drag_coefficient_above_three_is_noted():
+    mapping = guy(diameter=0.016, drag_coefficient=3.1) | {"wind": WIND}
+    assert [note.key for note in notes(mapping)] == ["cable.drag_coefficient"]
+
+
+@pytest.mark.parametrize("ice", [{}, {"ice": {"thickness": 0.01}}])
+def test_a_mass_that_contradicts_the_diameter_is_noted(ice):
+    mapping = guy(axial_stiffness=2e7, mass_per_length=14.2, diameter=0.017) | {"wind": WIND} | ice
+    for key in ("youngs_modulus", "area", "density"):
+        del mapping["cable"][key]
+    (note,) = notes(mapping)
+    # 14.2 / (pi / 4 0.017^2) = 62.6e3
+    assert (note.key, "6.26e+04 kg/m3" in note.text) == ("cable.mass_per_length", True)
+    said = _notes._warning(parameters(cp.make_scene(mapping)))
+    assert "try: cable.mass_per_length = 1.4475 (given in N/m?)" in said, said
+    mapping["cable"]["mass_per_length"] = 1.42
+    assert notes(mapping) == ()
+
+
+def test_what_a_table_has_does_not_hide_the_unit_of_the_cable():
+    mapping = guy(density=7.85, diameter=0.016) | {"wind": {**WIND, "speed": 86.4}}
+    said = _notes._warning(parameters(cp.make_scene(mapping)))
+    assert "try: cable.density = 7850 (given in t/m3?)" in said, said
+    # and what one key cannot explain has no remedy
+    assert likely_keys(parameters(cp.make_scene(AIRY | {"wind": {**WIND, "speed": 86.4}}))) == []
