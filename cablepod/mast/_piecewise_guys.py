@@ -8,6 +8,7 @@ import numpy as np
 
 from cablepod.catenary._piecewise import Pieces, pieces_of, size_of
 from cablepod.catenary._piecewise_solve import between_ends
+from cablepod.discretisation._modal_damping import ratios_error
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._nonuniform import attachment_fractions
@@ -23,6 +24,14 @@ Air = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def kind_of_guys(p: MastParameters) -> str:
     """Return the kind of guys by default: condensed models, and chains where a guy has segments or attachments."""
     return "chain" if first_thing(p) is not None else "condensed"
+
+
+def kind_in_studies(p: MastParameters) -> str:
+    """Return the kind of guys in studies and designs: chains also where a guy breaks.
+
+    The mast then leans or falls towards the other guys, which go slack; condensed ones would hold it by compression.
+    """
+    return "chain" if any(guy.breaks is not None for guy in p.guys) else kind_of_guys(p)
 
 
 def first_thing(p: MastParameters) -> str | None:
@@ -46,6 +55,32 @@ def refuse_things(p: MastParameters, guys: str) -> None:
         raise SceneError(
             f'{thing}: given; allowed: none with guys "{guys}"; try: guys="chain", which is the default here'
         )
+
+
+def refuse_ratios(p: MastParameters, guys: str) -> None:
+    """Refuse damping by ratios with guys of another kind than condensed ones.
+
+    Raises
+    ------
+    SceneError
+        The message names the key.
+    """
+    for guy in p.guys:
+        if guys != "condensed" and guy.p.damping_ratios is not None:
+            remedies = ["damping.mass_proportional"] * (guys == "chain")
+            remedies += ['guys="condensed" of mast.simulate'] * (first_thing(p) is None)
+            raise ratios_error(guy.p, f'none with guys "{guys}"; try: {", or ".join(remedies)}')
+
+
+def note_of_ratios(p: MastParameters) -> str | None:
+    """Return a note on damping by ratios that studies refuse, as guys are chains there; None without."""
+    try:
+        refuse_ratios(p, kind_in_studies(p))
+    except SceneError:
+        why = first_thing(p) or next(f"{guy.key}.breaks" for guy in p.guys if guy.breaks is not None)
+        key = ratios_error(p.guys[0].p, "").args[0].partition(":")[0]
+        return f"{key}: refused by run and design, whose guys are chains with {why}; try damping.mass_proportional"
+    return None
 
 
 def still_pieces(p: Parameters, length: float) -> Pieces | None:

@@ -13,7 +13,6 @@ from cablepod import provenance
 from cablepod._inputs import NORMAL_MODES, taken
 from cablepod._resources import check_memory
 from cablepod.batch._members import inside_members
-from cablepod.discretisation._modal_damping import ratios_error
 from cablepod.errors import (
     NotConvergedWarning,
     OutOfRangeWarning,
@@ -31,7 +30,7 @@ from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys, CondensedRun, guys_in_mean_wind
 from cablepod.mast._envelopes import NEED_FORCES
 from cablepod.mast._model import ModalMast, modal_mast
-from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_things
+from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_ratios, refuse_things
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
 from cablepod.mast._slopes import slopes_of, warn_of_slopes
 from cablepod.mast._statics import rest_in
@@ -154,6 +153,20 @@ class MastCase:
         return result
 
 
+def check_run(scene: xr.Dataset, *, outputs: tuple[str, ...], **options: Any) -> None:
+    """Refuse what :func:`cablepod.mast.simulate` refuses of a scene and options, without a run and without warnings.
+
+    Raises
+    ------
+    SceneError
+        As that function.
+    """
+    given = dict.fromkeys(("guys", "rank", "links", "times", "step", "tolerance", "window", "wind")) | options
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the run gives them
+        MastCase(scene, None, outputs=outputs, **given)
+
+
 def warn_of_late_breaks(p: MastParameters, end_time: float) -> None:
     """Warn of guys that do not break before the end of a run [s]; not within members, and not of a start alone."""
     texts = p.late_breaks(end_time) if end_time and not inside_members() else []
@@ -179,9 +192,7 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
     for guy in p.guys:
         if guy.breaks is not None and guys == "catenary":
             raise scene_error(f"{guy.key}.breaks", guy.breaks, 'none with guys "catenary"; try: guys="condensed"')
-        if guys != "condensed" and guy.p.damping_ratios is not None:
-            remedy = 'guys="condensed"' if thing is None else "damping.mass_proportional"
-            raise ratios_error(guy.p, f'none with guys "{guys}"; try: {remedy}')
+    refuse_ratios(p, guys)
 
 
 def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any) -> None:

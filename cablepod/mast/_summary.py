@@ -14,7 +14,7 @@ from cablepod.errors import SceneError
 from cablepod.mast._chain_run import links_of
 from cablepod.mast._frequencies import frequencies
 from cablepod.mast._output import NAMES
-from cablepod.mast._piecewise_guys import first_thing
+from cablepod.mast._piecewise_guys import first_thing, note_of_ratios
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
@@ -70,10 +70,11 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Notes tell of guys that move as chains, of a critical factor of buckling below 3, guys that are nearly slack at rest,
-    displacements at rest beyond a fiftieth of the height, where slopes are no longer small, guys that break after the end of
-    the run, and numbers that are likely in another unit, with that unit: of the mast, of its guys as of a cable, of wind, ice,
-    damping and temperatures.  They also tell of a mast in wind without a drag area and of levels with fewer than three guys.
+    Notes tell of guys that move as chains, of damping by ratios that these refuse, of a critical factor of buckling below 3,
+    guys that are nearly slack at rest, displacements at rest beyond a fiftieth of the height, where slopes are no longer small,
+    guys that break after the end of the run, and numbers that are likely in another unit, with that unit: of the mast, of its
+    guys as of a cable, of wind, ice, damping and temperatures.  They also tell of a mast in wind without a drag area and of
+    levels with fewer than three guys.
 
     Examples
     --------
@@ -162,6 +163,7 @@ def _notes(p: MastParameters, at_rest: xr.Dataset, tensions: np.ndarray | None) 
     notes += [] if p.duration is None else p.late_breaks(p.duration)
     if (thing := first_thing(p)) is not None:
         notes.append(f"{thing}: guys move as chains of {links_of(p)} links, which chain.links changes")
+    notes += filter(None, [note_of_ratios(p)])
     factor = float(at_rest["buckling_factor"])
     if factor < LOW_BUCKLING_FACTOR:
         notes.append(f"the critical factor of buckling is {factor:.3g}: imperfections, which are not modelled, matter")

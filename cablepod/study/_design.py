@@ -114,7 +114,8 @@ def design(
 
     Notes
     -----
-    Masts have condensed guys, or chains where a guy breaks; one guy is a condensed model on its vibration modes.
+    Masts have condensed guys, or chains where a guy breaks or a cable has segments or attachments; one guy is a condensed model
+    on its vibration modes.
 
     Examples
     --------

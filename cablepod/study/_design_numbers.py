@@ -15,6 +15,7 @@ from cablepod.condensed import vibration_modes
 from cablepod.conventions import ENDS
 from cablepod.errors import RunStopped, SceneError
 from cablepod.mast._output import NAMES as MAST_NAMES
+from cablepod.mast._piecewise_guys import kind_in_studies, kind_of_guys, refuse_ratios
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import LINKS, mast_parameters
 
@@ -58,11 +59,19 @@ class Kind:
     least_force: str  #: number that is not above 0 where a guy is slack
 
     def options(self, scene: xr.Dataset) -> dict[str, Any]:
-        """Return the options of the model."""
+        """Return the options of the model.
+
+        Raises
+        ------
+        SceneError
+            For damping by ratios where guys are chains.
+        """
         if self.model != "mast":
             return {"outputs": ("tension", "tension_extremes"), "links": [1, _links_of(scene)]}
-        chains = {"guys": "chain"} if any(guy.breaks is not None for guy in mast_parameters(scene).guys) else {}
-        return {"outputs": ("guy_tension", "extremes", "envelopes"), **chains}
+        guys = kind_in_studies(p := mast_parameters(scene))
+        refuse_ratios(p, guys)
+        own = {} if guys == kind_of_guys(p) else {"guys": guys}
+        return {"outputs": ("guy_tension", "extremes", "envelopes"), **own}
 
     def modes(self, scene: xr.Dataset) -> xr.Dataset | None:
         """Return the modes of the model."""

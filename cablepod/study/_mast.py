@@ -16,7 +16,8 @@ from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
 from cablepod.integrate._window import window_attributes
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
-from cablepod.mast._piecewise_guys import kind_of_guys
+from cablepod.mast._piecewise_guys import kind_in_studies
+from cablepod.mast._runs import check_run
 from cablepod.parameters._mast import mast_parameters
 from cablepod.study._figures import check_backend
 from cablepod.study._models import recorded
@@ -45,6 +46,18 @@ def run_mast(
     xarray.DataTree
         Nodes "scene", "rest", "frequencies", "motion" and "guys", a table of tensions over ``guy``.
     """
+    p = mast_parameters(scene)
+    window, breaks = (
+        _after_ramps(scene),
+        any(guy.breaks is not None for guy in p.guys),
+    )  # refuses a scene without [time]
+    guys = kind_in_studies(p)
+    options: dict[str, Any] = {"guys": guys, "outputs": OUTPUTS[:-1] if guys == "chain" else OUTPUTS}
+    if breaks:
+        window = None
+    if window is not None:
+        options["window"] = window
+    check_run(scene, **options)
     if out is not None:
         check_backend()
         prepare_folder(out, [f"{name}.nc" for name in STAGES], overwrite=overwrite)
@@ -68,12 +81,6 @@ def run_mast(
     count = min(FREQUENCIES, 2 * int(scene["mast_elements"]))
     add("frequencies", mast.frequencies(scene, count=count))
     at(0.2)
-    breaks = any(str(name).startswith("guy_") and str(name).endswith("_breaks") for name in scene.data_vars)
-    has_chains = breaks or kind_of_guys(mast_parameters(scene)) == "chain"
-    options: dict[str, Any] = {"guys": "chain", "outputs": OUTPUTS[:-1]} if has_chains else {"outputs": OUTPUTS}
-    window = None if breaks else _after_ramps(scene)
-    if window is not None:
-        options["window"] = window
     say = None if progress is None else partial(progress, "mast: compiling, once", 0.2)
     call = partial(mast.simulate, scene, **options)
     # a storm takes long: it is not run again for its run time, of which compilation is left out

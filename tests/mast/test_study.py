@@ -82,3 +82,33 @@ def test_buckling_after_a_break_is_told():
         assert not 0.95 * float(rest.buckling_factor) < factor
     assert "buckling_factor_after_break" not in cp.mast.rest(small())
     assert "without guys" not in check_text(small())
+
+
+def without_time(mapping):
+    del mapping["time"]
+
+
+def stale_ratios(mapping):
+    """A guy that breaks, with damping by ratios, which chains lack."""
+    mapping["damping"] = {"ratio": 0.01}
+    mapping["guy"][0].update(breaks=2.0, breaks_number=1)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"), [(without_time, r"^time"), (stale_ratios, r"^damping\.ratio: given 0\.01; ")]
+)
+def test_a_refused_mast_leaves_no_file(tmp_path, change, key):
+    with pytest.raises(cp.SceneError, match=key):
+        cp.study.run(small(change), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_ratios_with_a_guy_that_breaks_are_noted_and_refused_with_a_remedy_of_the_scene():
+    scene = small(lambda mapping: (windy(mapping), stale_ratios(mapping)))
+    assert "damping.ratio: refused by run and design, whose guys are chains with guy.1.breaks" in check_text(scene)
+    remedy = r"^damping\.ratio: given 0\.01; allowed: none with guys \"chain\"; try: damping\.mass_proportional"
+    with pytest.raises(cp.SceneError, match=remedy):
+        cp.study.run(scene)
+    with pytest.raises(cp.SceneError, match=remedy):  # not RunStopped, after the storms
+        cp.study.design(scene, directions=[0.0], speeds=[10.0], storms=1)
+    assert "damping" not in check_text(small(windy))

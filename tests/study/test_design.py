@@ -485,3 +485,17 @@ def test_a_killed_command_goes_on_to_the_same_table(tmp_path):
     assert again.splitlines()[:-1] == whole.splitlines()[:-1]  # the last line names the folder
     for name in ("guys.csv", "heights.csv", "cases.csv", "foot.csv", "levels.csv"):
         assert (tmp_path / "killed" / name).read_text() == (tmp_path / "whole" / name).read_text()
+
+
+@pytest.mark.parametrize(
+    "attachment",
+    [{"distance_from_lower": 1.5, "damper": 400.0, "direction": "normal"}, {"distance_from_upper": 8.0, "mass": 6.0}],
+    ids=["damper", "insulator"],
+)
+def test_one_guy_with_an_attachment_has_the_tensions_of_its_chain(attachment):
+    scene = cp.make_scene({**GUY, "attachment": [attachment], "damping": {"ratio": 0.01}})
+    table = cp.study.design(scene, directions=[0.0], speeds=[WIND["speed"]], storms=1)
+    run = cp.chain.simulate(scene, links=80, outputs=("tension_extremes",))
+    ends = [float(run.tension_maximum[0]), float(run.tension_maximum[-1])]
+    own = table.tension_peak.isel(direction=0, speed=0)
+    np.testing.assert_allclose(own, ends, rtol=1e-3)  # eight modes; without the insulator 2e-2
