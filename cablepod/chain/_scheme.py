@@ -20,7 +20,7 @@ from cablepod.chain._start import start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
-from cablepod.discretisation._modal_damping import implicit_scheme
+from cablepod.discretisation._modal_damping import check_count, implicit_scheme
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
@@ -90,6 +90,7 @@ def prepare(
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
+    check_count(p, key.partition(" and ")[0], chain.links)
     cable_air = air_of(p, float(instants[-1]), request.wind)
     air = None if cable_air is None else ChainAir(chain, cable_air)
     initial = start(chain, air)

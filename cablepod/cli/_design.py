@@ -47,7 +47,7 @@ OPTIONS = (
         "--directions",
         metavar="COUNT|DEG,DEG",
         help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg], "
-        "a single one with a comma behind it (default 8; of a planar scene 0,180)",
+        "a single one with a comma behind it (default 8, at most 72; of a planar scene 0,180)",
     ),
     click.option(
         "--speeds",
@@ -102,7 +102,8 @@ def run(
     folder = Path("out", Path(path).stem + ENDING) if out is None else _arguments.folder(out)
     dataset = read_scene(path)
     is_planar = dataset.sizes["coordinate"] == 2
-    angles = _angles(directions or ("0,180" if is_planar else "8"), is_planar=is_planar)
+    default = "0,180" if is_planar else "8"
+    angles = _angles(default if directions is None else directions, is_planar=is_planar)
     if "ensemble_json" in dataset.attrs:
         _group.note("the [ensemble] table is left aside; this command varies direction, speed and seed of the wind")
     chosen = None if speeds is None else _listed("--speeds", speeds)
@@ -110,7 +111,11 @@ def run(
         chosen = [factor * float(dataset["wind_speed"]) for factor in SPEEDS]
     target = _page.checked(page)
     window = options.pop("window", None)
-    members = len(angles) * len(chosen or [0]) * options["storms"]
+    counts = len(angles), len(chosen or [0]), options["storms"]
+    members = math.prod(counts)
+    if members > 0 and chosen:
+        words = " x ".join(map(_many, counts, ("direction", "speed", "storm")))
+        _group.note(f"{words} = {_many(members, 'storm')}")
     with member_bar("mast" if "mast_height" in dataset else "condensed", members) as progress, _page.heard() as notes:
         result = design(
             dataset,
@@ -136,6 +141,8 @@ def run(
         say(written)
 
 
+#: Maximum number of directions that is given as a number: of more, an angle is likely meant.
+MOST_DIRECTIONS = 72
 #: Decimals to which angles [deg] are the same.
 SAME = 6
 #: Heading of the envelopes.
@@ -158,13 +165,13 @@ def _angles(given: str, *, is_planar: bool) -> list[float]:
             count = int(given)
         except ValueError:
             count = 0
-        if not 1 <= count <= 360:
-            raise scene_error(
-                "--directions", given, "a number of directions, 1 to 360, or angles [deg] with commas between"
-            )
+        if not 1 <= count <= MOST_DIRECTIONS:
+            remedy = f"; try: {given}, for this angle alone" if count > MOST_DIRECTIONS else ""
+            allowed = f"a number of directions, 1 to {MOST_DIRECTIONS}, or angles [deg] with commas between{remedy}"
+            raise scene_error("--directions", given, allowed)
         angles = [360.0 * k / count for k in range(count)]
     else:
-        angles = _listed("--directions", given)
+        angles = _listed("--directions", given) if given.strip(" ,") else []
     if not angles or not np.isfinite(angles).all():
         raise scene_error("--directions", given, "finite angles [deg] with commas between")
     if np.unique(np.round(np.remainder(angles, 360.0), SAME) % 360.0).size < len(angles):
@@ -175,20 +182,29 @@ def _angles(given: str, *, is_planar: bool) -> list[float]:
 
 
 def _listed(key: str, given: str) -> list[float]:
-    """Return numbers with commas between."""
+    """Return numbers with commas between, one at least."""
     try:
-        return [float(part) for part in given.split(",") if part.strip()]
+        found = [float(part) for part in given.split(",") if part.strip()]
     except ValueError:
-        raise SceneError(f"{key}: given {given!r}; allowed: numbers with commas between") from None
+        found = []
+    if not found:
+        raise SceneError(f"{key}: given {given!r}; allowed: numbers with commas between")
+    return found
+
+
+def _many(count: int, noun: str) -> str:
+    """Return a number of things in words."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def text(result: xr.Dataset) -> str:
     """Return the tables of a design, in kN, kN m, m and degrees."""
     level = f"{100.0 * result.attrs['level']:g} %"
     counts = [result.sizes[name] for name in ("direction", "speed", "storm")]
+    words = ", ".join(map(_many, counts, ("direction", "speed", "storm")))
     lines = [
         str(result.attrs["title"]), "",
-        f"{counts[0]} directions, {counts[1]} speeds, {counts[2]} storms of each; peaks are means of the storms' largest values, "
+        f"{words} of each; peaks are means of the storms' largest values, "
         f"with their {level} interval;",
         "of all directions and speeds the worst; angles from +x to +z: of the wind, into which it blows, of guys, to the anchor",
     ]  # fmt: skip

@@ -8,6 +8,7 @@ import math
 import xarray as xr
 
 from cablepod.conventions import ENDINGS_OF_AIR, digits, printed
+from cablepod.discretisation._modal_damping import KEYS
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
 from cablepod.scene._ranges import are_choices, points_of_grid
@@ -60,9 +61,9 @@ def table(summary: xr.Dataset) -> str:
             found = f"{hertz} Hz  ({omega} rad/s){state and f' in {state}'}" if hertz else "none"
             lines.append(f"  {text:<32}{found}")
         for key, state in _states(summary, f"damping_ratio_{plane}"):
-            if key in summary and not summary[key].isnull().all():
+            if key in summary and (summary[key] > 0.0).any():  # dampers across this plane leave zeros
                 ratios = "  ".join(digits(round(100.0 * value, 9)) for value in summary[key].values)
-                lines.append(f"  {'their damping ratios':<32}{ratios} %{state and f' in {state}'}")
+                lines.append(f"  {'their damping ratios':<32}{ratios} % by dampers alone{state and f', in {state}'}")
     hertz, omega = (digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")
     notes = [line for line in str(summary["note"].values).split("\n") if line]
@@ -100,6 +101,11 @@ def remarks(scene: xr.Dataset) -> str:
                 "none: vibrations never decay, resonances grow over the whole run; see damping.mass_proportional",
             )
         )
+    if p.damping_ratios is not None:
+        ratios = "  ".join(digits(round(100.0 * ratio, 9)) for ratio in p.damping_ratios)
+        which = "each its own, the last of all others" if len(p.damping_ratios) > 1 else "of all vibrations"
+        beside = "; dampers add to it" if any(attachment.damper for attachment in p.attachments) else ""
+        found.append((KEYS[p.has_list_of_ratios], f"{ratios} % {which}{beside}"))
     if functions and p.dims == 2:
         found.append(
             ("space", "two coordinates: motion out of the plane cannot be seen; ends with three numbers show it")

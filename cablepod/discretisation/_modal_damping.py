@@ -7,11 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod._resources import memory
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 
 #: Key path of each form of the ratios.
 KEYS = ("damping.ratio", "damping.ratios")
+#: Full matrices at a time in :meth:`NodalDamping.of`: stiffness, as held, mass, vibrations, momenta, and two of the solution.
+MATRICES = 7
 
 
 def modal_damping(ratios: Sequence[float], stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
@@ -80,6 +83,23 @@ class NodalDamping(NamedTuple):
         forces = np.zeros(rates.shape[::-1])
         kernel.damping_forces(self, np.ascontiguousarray(rates.T), first, np.empty(rates.size), forces)
         return forces.T
+
+
+def check_count(p: Parameters, key: str, count: int) -> None:
+    """Refuse damping by ratios of more links or points than its full matrices have memory for.
+
+    Raises
+    ------
+    SceneError
+        Names the key of their number, and the largest one.
+    """
+    if p.damping_ratios is None:
+        return
+    most = int((0.5 * memory() / (8.0 * MATRICES)) ** 0.5 / p.dims)
+    if count > most:
+        name = KEYS[p.has_list_of_ratios]
+        allowed = f"at most {most} with {name}, whose full matrices take half of this machine's memory then"
+        raise scene_error(key, count, f"{allowed}; try: damping.mass_proportional")
 
 
 def refuse_damping_ratios(p: Parameters, remedy: str) -> None:

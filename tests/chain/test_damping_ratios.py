@@ -125,3 +125,14 @@ def test_explicit_schemes_free_ends_and_other_models_refuse_it(key, value):
     for simulate in MODELS:
         with pytest.raises(cp.SceneError, match=rf"^damping\.{key}: given .*; allowed: none with ends\.free"):
             simulate(cp.make_scene(scene))
+
+
+@pytest.mark.parametrize("key", ["links", "chain.links"])
+def test_links_whose_matrices_no_memory_holds_are_refused(key):
+    scene, _ = string_from_mode(1, {"ratio": RATIO})
+    scene = scene.drop_vars([name for name in scene.data_vars if str(name).startswith("initial_")])
+    if key == "chain.links":
+        scene = scene.assign(chain_links=scene["chain_links"].copy(data=10**6))
+    allowed = r"given 1000000; allowed: at most [1-9][0-9]* with damping\.ratio, .*; try: damping\.mass_proportional"
+    with pytest.raises(cp.SceneError, match=f"^{key}: {allowed}"):
+        cp.chain.simulate(scene, links=10**6 if key == "links" else None, times=[0.0, 0.1])

@@ -123,3 +123,14 @@ def test_a_free_end_has_no_frequencies(capsys):
     status, out, _ = said_of(capsys, "check", "pendulum")
     assert status == 0
     assert re.search(r"^  first frequencies in plane +none$", out, re.MULTILINE)
+
+
+def test_the_ratio_asked_for_stands_beside_those_of_dampers(tmp_path, capsys):
+    path = tmp_path / "guy.toml"
+    damper = '[[attachment]]\narc_length = 0.5\ndamper = 40.0\ndirection = "normal"\n'
+    path.write_text(SOFT_TOML.replace("[time]", f"{damper}[damping]\nratio = 0.003\n[time]"))
+    _, out, _ = said_of(capsys, "check", str(path))
+    assert re.search(r"^  damping\.ratio +0\.3 % of all vibrations; dampers add to it$", out, re.MULTILINE)
+    rows = re.findall(r"^  their damping ratios +(.*) % by dampers alone$", out, re.MULTILINE)
+    assert len(rows) == 1
+    assert max(map(float, rows[0].split())) > 0.0

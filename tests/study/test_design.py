@@ -386,6 +386,7 @@ interval = 0.05
     ("given", "allowed"),
     [
         ("0,360", "angles [deg], each once in a full turn: 360 is 0"), ("-90,270", "angles [deg], each once in a full turn"),
+        ("90", "a number of directions, 1 to 72, or angles [deg] with commas between; try: 90, for this angle alone"),
         ("0,nan", "finite angles [deg] with commas between"), (",", "finite angles [deg] with commas between"),
     ],
 )  # fmt: skip
@@ -396,6 +397,7 @@ def test_the_command_refuses_directions_in_degrees(tmp_path, capsys, given, allo
     said = capsys.readouterr().err
     assert f"--directions: given '{given}'; allowed: {allowed}" in said
     assert "rad" not in said
+    assert "storms" not in said  # none is announced
 
 
 def test_the_command_refuses_directions_out_of_the_plane_in_degrees(tmp_path, capsys):
@@ -423,8 +425,11 @@ def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["design", str(path), "--out", str(out), "--directions", "0,60", "--speeds", "15,28", "--storms", "2"]
     assert cli.main([*arguments, "--shares", "0.1,0.01", "--slope", "4", "--reference-range", "150"]) == 0
-    printed = capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "cablepod: note: 2 directions x 2 speeds x 2 storms = 8 storms\n" in said.err
+    printed = said.out
     for part in (
+        "2 directions, 2 speeds, 2 storms of each",
         "tension of the guys [kN]",
         "120 deg",
         "(-10, 0, 17.32)",
@@ -445,6 +450,10 @@ def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
         (["--directions", "x"], "--directions"),
         (["--speeds", "a,b"], "--speeds"),
         (["--storms", "0"], "storms"),
+        (["--directions", ""], "--directions"),
+        (["--directions", "90"], "--directions"),
+        (["--speeds", ""], "--speeds"),
+        (["--speeds", ","], "--speeds"),
     ):
         assert cli.main([*arguments, *wrong, "--overwrite"]) == 2
         assert capsys.readouterr().err.startswith(f"cablepod: {key}: given")
