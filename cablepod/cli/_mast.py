@@ -144,6 +144,8 @@ def text(study: xr.DataTree, folder: Path) -> str:
         if "utilisation" in row:
             used = 100.0 * row["utilisation"]
             line += f"{used:>6.1f} %" if used < 999.95 else f"{'>999':>6} %"
+        if "breaks" in row:
+            line += f"  breaks at {row['breaks']:g} s"
         lines.append(line)
     return "\n".join([*lines, "", files_text(folder, FIGURES)])
 
@@ -167,6 +169,7 @@ def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
     if "guys" not in study:
         return []
     guys = study["guys"].to_dataset()
+    no_breaks = np.full(guys.sizes["guy"], np.inf)
     return [
         {
             "guy": g + 1,
@@ -181,6 +184,7 @@ def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
                 )
                 if variable in guys
             },
+            **({"breaks": float(guys["guy_breaks"][g])} if math.isfinite(guys.get("guy_breaks", no_breaks)[g]) else {}),
         }
         for g in range(guys.sizes["guy"])
     ]  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.plots import _cables, _maps, _mast, _modes, _periodic, _reports, _stringing, _wind
+from cablepod.plots._page_tables import ROUNDING_SHARE
 
 #: Size [inch] and resolution [dots per inch] of a figure: the width of A4 between its margins.
 SIZE, DOTS = (7.5, 4.2), 150
@@ -95,8 +96,9 @@ def _of_mast(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
         return  # of many storms, which its tables tell
     if run or ("bending_moment" in dataset and "time" not in dataset["bending_moment"].dims):
         moments = dataset["bending_moment_maximum" if run else "bending_moment"]
+        ranges = ["bending_moment_minimum"] if run else []
         for axis in ("x", "z"):
-            if "coordinate" in moments.coords and not (abs(moments.sel(coordinate=axis)) > MIN_MOMENT).any():
+            if "coordinate" in moments.coords and not _bends(dataset, [str(moments.name), *ranges], axis):
                 continue
             yield Drawing(
                 f"{name}: {'range of the ' if run else ''}bending moment over the height, displacements along {axis}",
@@ -104,6 +106,14 @@ def _of_mast(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
             )
     if "mast_share" in dataset:
         yield Drawing(f"{name}: shapes of vibration with most of the mast", partial(_mast.mast_shapes, dataset))
+
+
+def _bends(dataset: xr.Dataset, names: Sequence[str], axis: str) -> bool:
+    """Tell whether moments of displacements along an axis are more than rounding."""
+    sizes = abs(dataset[names])
+    largest = max(float(sizes[name].max()) for name in names)
+    own = max(float(sizes[name].sel(coordinate=axis).max()) for name in names)
+    return own > max(MIN_MOMENT, ROUNDING_SHARE * largest)
 
 
 def _of_members(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:

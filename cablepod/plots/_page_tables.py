@@ -38,6 +38,8 @@ PERCENT = re.compile(
 )
 #: Units of quantities that are zero up to rounding below a size.
 ROUNDED, ROUNDING = ("m", "N", "N m", "s", "%"), 1e-12
+#: Units of forces, moments and places, which are zero up to rounding below a share of the largest value of their variable.
+OF_VECTORS, ROUNDING_SHARE = ("m", "N", "N m"), 1e-9
 #: Heading of a column of a caller: text and units.
 HEADING = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 #: Units that people write and their forms in :data:`cablepod.conventions.VARIABLES`.
@@ -118,7 +120,7 @@ def ranges_of(dataset: xr.Dataset) -> Table | None:
         if variable.nbytes > MAX_READ and not variable._in_memory:
             rows.append([long_name(name, variable), sizes, "not read", "", ""])
             continue
-        values = np.asarray(variable.values, dtype=float)
+        values = without_rounding(np.asarray(variable.values, dtype=float), units_of(name, variable))
         values = values[np.isfinite(values)]
         if not values.size:
             continue
@@ -187,12 +189,21 @@ def _columns(dataset: xr.Dataset, name: str, variable: xr.Variable) -> Iterator[
     across = [dim for dim in variable.dims if dim not in rows]
     values = variable.transpose(*across, *rows).values
     units = units_of(name, variable)
+    values = without_rounding(values, units) if values.dtype.kind == "f" else values
     labels = [
         dataset[dim].values.tolist() if dim in dataset.coords else range(1, variable.sizes[dim] + 1) for dim in across
     ]
     for place in itertools.product(*(range(variable.sizes[dim]) for dim in across)):
         words = [str(label[i]) for label, i in zip(labels, place, strict=True)]
         yield Column(" ".join([name, *words]), units, values[place].reshape(-1))
+
+
+def without_rounding(values: np.ndarray, units: str) -> np.ndarray:
+    """Return the values of a variable with 0 in place of rounding, such as of a component across all loads."""
+    if units not in OF_VECTORS:
+        return values
+    sizes = np.abs(values)
+    return np.where(sizes < ROUNDING_SHARE * sizes[np.isfinite(sizes)].max(initial=0.0), 0.0, values)
 
 
 def units_of(name: str, variable: xr.Variable) -> str:

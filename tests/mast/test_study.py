@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import numpy as np
 import pytest
 from mast_scenes import WIND, small
 
 import cablepod as cp
 from cablepod.archive import _lineage as lineage
-from cablepod.cli._mast import check_text
+from cablepod.cli._mast import as_json, check_text, text
 from cablepod.errors import ArchiveError
 
 
@@ -112,3 +115,17 @@ def test_ratios_with_a_guy_that_breaks_are_noted_and_refused_with_a_remedy_of_th
     with pytest.raises(cp.SceneError, match=remedy):  # not RunStopped, after the storms
         cp.study.design(scene, directions=[0.0], speeds=[10.0], storms=1)
     assert "damping" not in check_text(small(windy))
+
+
+def test_the_row_of_a_guy_says_when_it_breaks(tmp_path):
+    def change(mapping):
+        windy(mapping)
+        mapping["guy"][0].update(breaks=2.0, breaks_number=2)
+
+    study = cp.study.run(small(change), tmp_path / "out")
+    rows = {
+        line.split()[0]: line for line in text(study, tmp_path / "out").splitlines() if re.match(r" +[123] +28 ", line)
+    }
+    assert rows["2"].endswith("  breaks at 2 s")
+    assert not any("breaks" in rows[guy] for guy in ("1", "3"))
+    assert [row.get("breaks") for row in json.loads(as_json(study))["guys"]] == [None, 2.0, None]

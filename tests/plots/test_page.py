@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 import xarray as xr
+from mast_scenes import small
 from public_calls import MAST, datasets
 from scenes import SOFT
 
@@ -210,6 +211,29 @@ def test_a_mast_has_the_figures_of_its_guys_and_modes(page):
     assert captions[0] == "motion: tension of each guy at the mast over time"
     assert any("bending moment" in caption for caption in captions)
     assert any("shapes of vibration" in caption for caption in captions)
+
+
+def test_rounding_is_neither_printed_nor_drawn(page):
+    rest = cp.mast.rest(small(lambda mapping: mapping.update(wind={"speed": 20.0, "direction": [1.0, 0.0, 0.0]})))
+    moments = rest["bending_moment"]
+    noise = 1e-11 * float(abs(moments).max())  # as of rounding, whatever this machine has
+    rest = rest.assign(bending_moment=moments.where(moments.coordinate != "z", noise))
+    rest = rest.assign(foot_force=rest["foot_force"].where(rest["foot_force"].coordinate != "z", -noise))
+    found = page(rest)
+    captions = [attrs["alt"] for tag, attrs in found.elements if tag == "img"]
+    assert len([caption for caption in captions if "displacements along x" in caption]) == 1
+    assert not any("displacements along z" in caption for caption in captions)
+    column = next(row for row in found.rows if any(cell.startswith("foot force") for cell in row))
+    assert len(column) == 2  # a row for each coordinate
+    assert found.row("z")[column.index(next(cell for cell in column if cell.startswith("foot force")))] == "0"
+    parts = xr.Dataset(
+        {"gap": ("guy", [1.0, 2e-9, 2e-10], {"units": "m"}), "load": ("guy", [3e-7, 2e-7, 1e-7], {"units": "N"})}
+    )
+    assert [row[1:] for row in page(parts).rows if row[0] in "123"] == [
+        ["1", "3e-07"],
+        ["2e-09", "2e-07"],
+        ["0", "1e-07"],
+    ]
 
 
 def test_pictures_of_a_mast_mark_what_breaks_and_what_is_not_to_scale():
