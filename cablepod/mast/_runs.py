@@ -37,6 +37,7 @@ from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
 from cablepod.scene._mast_notes import warn_of_unusual_mast
+from cablepod.scene._notes import without_warnings
 from cablepod.wind._air import has_record
 from cablepod.wind._mast_air import mast_air
 
@@ -162,8 +163,8 @@ def check_run(scene: xr.Dataset, *, outputs: tuple[str, ...], **options: Any) ->
         As that function.
     """
     given = dict.fromkeys(("guys", "rank", "links", "times", "step", "tolerance", "window", "wind")) | options
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the run gives them
+    with warnings.catch_warnings(), without_warnings():  # the run gives them
+        warnings.simplefilter("ignore")
         MastCase(scene, None, outputs=outputs, **given)
 
 

@@ -75,26 +75,26 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         colour, line = COLOURS[int(table - 1) % len(COLOURS)], LINES[number % len(LINES)]
         ax.plot(time, tension[:, g], color=colour, linestyle=line, linewidth=0.8, label=names[g])
     ax.set(xlabel="time [s]", ylabel="tension at the mast [kN]")
-    _mark_breaks(ax, run)
+    _mark_breaks(ax, run, time)
     return _style.finish(ax, fontsize="small")
 
 
-def _mark_breaks(ax: Axes, run: xr.Dataset) -> None:
-    """Mark the times at which guys break within a run."""
-    if "guy_breaks" not in run or not run.sizes["time"]:
+def _mark_breaks(ax: Axes, run: xr.Dataset, time: np.ndarray) -> None:
+    """Mark the times at which guys break within the times of a run."""
+    if "guy_breaks" not in run or not time.size:
         return
     breaks = _numbers("run", run, "guy_breaks", ("guy",), TENSIONS).values
-    start, end = float(run["time"].values.min()), float(run["time"].values.max())
+    start, end = float(time.min()), float(time.max())
     times = np.unique(breaks[(breaks >= start) & (breaks <= end)])
     if times.size:
         ax.set_ymargin(0.12)  # room for the words
-    for time in times.tolist():
-        guys = np.flatnonzero(breaks == time) + 1
+    for instant in times.tolist():
+        guys = np.flatnonzero(breaks == instant) + 1
         what = f"guy {guys[0]} breaks" if guys.size == 1 else f"guys {', '.join(map(str, guys))} break"
-        ax.axvline(time, color="0.3", linewidth=0.8, linestyle=":")
-        late = time > 0.5 * (start + end)
+        ax.axvline(instant, color="0.3", linewidth=0.8, linestyle=":")
+        late = instant > 0.5 * (start + end)
         ax.annotate(
-            what, (time, 0.98), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 0), textcoords="offset points",
+            what, (instant, 0.98), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 0), textcoords="offset points",
             ha="right" if late else "left", va="top", fontsize="small", color="0.3",
         )  # fmt: skip
 
