@@ -29,7 +29,7 @@ from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members, parameters
 from cablepod.parameters._parameters import Parameters
-from cablepod.scene._notes import checked_members, warn_of_unusual
+from cablepod.scene._warnings import checked_members, warn_of_unusual
 from cablepod.wind._air import air_of, mean_air_of
 from cablepod.wind._profile import air_at_rest
 

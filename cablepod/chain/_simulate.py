@@ -20,7 +20,7 @@ from cablepod.integrate._coarse import warn_of_few_links
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
-from cablepod.scene._notes import warn_of_unusual
+from cablepod.scene._warnings import warn_of_unusual
 from cablepod.wind._air import mean_air_of
 from cablepod.wind._profile import air_at_rest
 

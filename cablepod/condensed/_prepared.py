@@ -19,7 +19,7 @@ from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_p
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
-from cablepod.scene._notes import warn_of_unusual
+from cablepod.scene._warnings import warn_of_unusual
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
 #: Order of prepared models.

@@ -20,7 +20,7 @@ from cablepod.errors import scene_error
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import Members, SceneContent
 from cablepod.reduced._validity import warn_condensed_out_of_range
-from cablepod.scene._notes import warn_of_unusual
+from cablepod.scene._warnings import warn_of_unusual
 
 
 def simulate(

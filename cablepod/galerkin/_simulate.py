@@ -27,7 +27,7 @@ from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, law_attributes, warn_galerkin_out_of_range
-from cablepod.scene._notes import warn_of_unusual
+from cablepod.scene._warnings import warn_of_unusual
 
 #: Maximum energy defect of a given step without a warning, as a fraction of the exchanged energy.
 MAX_ENERGY_DEFECT = 0.1

@@ -16,7 +16,7 @@ from cablepod.errors import CoarseWarning, SceneError, user_stacklevel
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import SINES
-from cablepod.scene._notes import checked_members
+from cablepod.scene._warnings import checked_members
 
 #: Links for each half wave that is driven below which an error of more than LIKELY is likely.
 LINKS_PER_HALF_WAVE = 8.0

@@ -18,7 +18,7 @@ from cablepod.errors import SceneError, VelocityJumpWarning, user_stacklevel
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._parameters import Parameters
-from cablepod.scene._notes import warn_of_unusual_members
+from cablepod.scene._warnings import warn_of_unusual_members
 
 #: Maximum tension of the wave without a warning, as a fraction of the tension at rest.
 MAX_WAVE_TENSION = 1e-3

@@ -37,7 +37,7 @@ from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
 from cablepod.scene._mast_notes import warn_of_unusual_mast
-from cablepod.scene._notes import without_warnings
+from cablepod.scene._warnings import without_warnings
 from cablepod.wind._air import has_record
 from cablepod.wind._mast_air import mast_air
 

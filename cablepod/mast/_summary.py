@@ -19,7 +19,7 @@ from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.scene._mast_notes import notes_of_mast
-from cablepod.scene._notes import without_warnings
+from cablepod.scene._warnings import without_warnings
 
 #: Number of frequencies.
 FREQUENCIES = 6

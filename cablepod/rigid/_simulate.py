@@ -33,7 +33,7 @@ from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
 from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, ROTATION_WARN, RigidRun
 from cablepod.rigid._start import rest_shape, start
-from cablepod.scene._notes import warn_of_unusual
+from cablepod.scene._warnings import warn_of_unusual
 from cablepod.wind._air import check_no_wind
 
 #: Maximum rotation of a link per step of the first run [rad].

@@ -15,16 +15,7 @@ from cablepod.errors import SceneError
 from cablepod.parameters._keys import LENGTH_KEYS
 from cablepod.parameters._mast import Guy, MastParameters, mast_parameters
 from cablepod.scene._note import Note, outside
-from cablepod.scene._notes import (
-    checked_members,
-    likely_keys,
-    may_warn,
-    notes_of,
-    remedy,
-    text_of_warning,
-    warn_with,
-    worst_first,
-)
+from cablepod.scene._notes import likely_keys, notes_of, remedy, worst_first
 from cablepod.scene._table_notes import (
     IN_PERCENT,
     LARGEST_DAMPING_RATIO,
@@ -34,6 +25,7 @@ from cablepod.scene._table_notes import (
     notes_of_temperatures,
     notes_of_wind,
 )
+from cablepod.scene._warnings import checked_members, may_warn, text_of_warning, warn_with
 
 #: Usual heights of masts [m]; the highest has 646 m.
 HEIGHT = (0.5, 1000.0)

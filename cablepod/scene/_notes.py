@@ -1,26 +1,19 @@
-"""Notes on what is unusual in a scene, the key that is likely wrong, and the warning of the models.
+"""Notes on what is unusual in a scene, and the key that is likely wrong.
 
 A note is no error: the scene runs.  Its purpose is a number in another unit, a thousand or a million times off.
 """
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import math
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
-from contextvars import ContextVar
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from cablepod.batch._members import inside_members
 from cablepod.catenary._statics import solve_statics
-from cablepod.errors import SceneError, UnusualSceneWarning, user_stacklevel
-from cablepod.parameters._from_scene import Members
+from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
@@ -28,9 +21,6 @@ from cablepod.parameters._time_functions import TimeFunction
 from cablepod.scene._note import Note, outside
 from cablepod.scene._table_notes import notes_of_tables
 
-F = TypeVar("F", bound=Callable[..., Any])
-#: Number of scenes whose warnings are kept.
-KEPT_WARNINGS = 64
 #: Usual densities [kg/m3]: ropes of polyethylene float (970, with voids 600), tungsten has 19300.
 DENSITY = (500.0, 25000.0)
 #: Usual moduli [Pa]: soft rubber 1e7, nylon rope 1e9, steel 2e11, diamond 1.2e12.
@@ -55,8 +45,6 @@ LARGEST_STRESS, LARGEST_STRAIN = 2.5e9, 0.05
 BREAKING_STRESS = (3e7, 7e9)
 #: Maximum usual ratios: unstretched length over chord, motion over chord, loads over weight.
 LARGEST_LENGTH, LARGEST_MOTION, LARGEST_LOAD = 2.0, 0.1, 100.0
-#: Maximum number of members that the models look at.
-MEMBERS_CHECKED = 5
 #: Factors between units that are mistaken for each other, and the name of the unit in which a value was likely given.
 UNITS: dict[str, dict[float, str]] = {
     "youngs_modulus": {1e3: "kPa", 1e6: "MPa", 1e9: "GPa", 1e-3: "", 1e-6: ""},
@@ -349,88 +337,3 @@ def hint(p: Parameters) -> str:
 def remedy(changes: list[tuple[str, str]]) -> str:
     """Return the end of a message, "; try: ...", with the changes of :func:`likely_keys`; empty without any."""
     return f"; try: {' or '.join(text for _, text in changes)}" if changes else ""
-
-
-# --- the warning --------------------------------------------------------------------------------------------------------
-
-#: Whether the function that is running has warned; None outside of functions that warn once.
-_WARNED: ContextVar[list[bool] | None] = ContextVar("warned", default=None)
-
-
-def warn_once(function: F) -> F:
-    """Decorate a function that calls several models on one scene: the first warns of what is unusual, the others do not."""
-
-    @functools.wraps(function)
-    def wrapper(*args: Any, **options: Any) -> Any:
-        token = _WARNED.set([])
-        try:
-            return function(*args, **options)
-        finally:
-            _WARNED.reset(token)
-
-    return cast(F, wrapper)
-
-
-@contextlib.contextmanager
-def without_warnings() -> Iterator[None]:
-    """Do not warn of what is unusual within this context, whose result tells it."""
-    token = _WARNED.set([True])
-    try:
-        yield
-    finally:
-        _WARNED.reset(token)
-
-
-def warn_of_unusual(p: Parameters) -> None:
-    """Warn of the worst note on a scene, at the user's line; a fraction of a microsecond for parameters seen before."""
-    warn_with(_warning(p))
-
-
-def may_warn() -> bool:
-    """Tell whether a warning of what is unusual would be given: not within members, and once in functions that warn once."""
-    return not _WARNED.get() and not inside_members()
-
-
-def warn_with(text: str) -> None:
-    """Warn with a text of what is unusual, at the user's line; not with an empty one."""
-    if text and may_warn():
-        warned = _WARNED.get()
-        if warned is not None:
-            warned.append(True)
-        warnings.warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning, user_stacklevel())
-
-
-def checked_members(members: Sized) -> list[int]:
-    """Return up to :data:`MEMBERS_CHECKED` members that the models look at, the first and the last among them."""
-    found: list[int] = np.unique(np.linspace(0, len(members) - 1, MEMBERS_CHECKED).astype(int)).tolist()
-    return found
-
-
-def warn_of_unusual_members(scene: xr.Dataset) -> None:
-    """Warn of the worst note on up to :data:`MEMBERS_CHECKED` members of a scene, the first and the last among them."""
-    members = Members(scene)
-    for index in checked_members(members):
-        p = members[index]
-        if _warning(p):
-            warn_of_unusual(p)
-            return
-
-
-@functools.lru_cache(KEPT_WARNINGS)
-def _warning(p: Parameters) -> str:
-    """Return the text of the warning of a scene, empty for a usual one; kept, as parameters of equal scenes are one object."""
-    try:
-        with np.errstate(all="ignore"):
-            notes = notes_of(p)
-    except (SceneError, ArithmeticError):
-        return ""  # the model refuses the scene, or does not need an equilibrium
-    return text_of_warning(notes, likely_keys(p) if notes else [])
-
-
-def text_of_warning(notes: Sequence[Note], changes: list[tuple[str, str]]) -> str:
-    """Return the text of the warning of notes and of the changes of keys that explain the first; empty without notes."""
-    if not notes:
-        return ""
-    key = changes[0][0] if changes else notes[0].key
-    more = f", and {len(notes) - 1} more" if len(notes) > 1 else ""
-    return f"{key}: the scene has {notes[0].text}{more}{remedy(changes)}"

@@ -20,7 +20,7 @@ from cablepod.parameters._checks import integer, number, numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import scene_kind
-from cablepod.scene._notes import without_warnings
+from cablepod.scene._warnings import without_warnings
 from cablepod.study._design_numbers import CABLE, MAST, joined, with_damage, with_peaks, with_rest
 from cablepod.study._design_tables import write_tables
 

@@ -24,7 +24,7 @@ from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.scene._mast import scene_kind
-from cablepod.scene._notes import warn_once
+from cablepod.scene._warnings import warn_once
 from cablepod.study._figures import check_backend, write_figures
 from cablepod.study._models import chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
 from cablepod.study._notes import OnceEach

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from references.damped_string import roots_with_damper
 from scipy.optimize import brentq
 
 import cablepod as cp
@@ -101,20 +102,6 @@ def test_spring_on_a_string() -> None:
     assert found.angular_frequency.values == pytest.approx(
         roots_between(misfit, 4) * math.pi * SPEED / LENGTH, rel=RTOL
     )
-
-
-def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
-    """Return roots beta l of the string with a damper, from those without one by raising it in steps."""
-    roots = math.pi * np.arange(1, count + 1).astype(complex)
-    for value in np.linspace(0.0, eta, 800)[1:]:
-        for _ in range(8):
-            one, two = roots * place, roots * (1.0 - place)
-            misfit = np.sin(roots) + 1j * value * np.sin(one) * np.sin(two)
-            slope = np.cos(roots) + 1j * value * (
-                place * np.cos(one) * np.sin(two) + (1.0 - place) * np.sin(one) * np.cos(two)
-            )
-            roots = roots - misfit / slope
-    return roots
 
 
 @pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.05, 0.3), (0.1, 3.0)])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from references.damped_string import roots_with_damper
 from scipy.optimize import brentq
 from suite import slow
 
@@ -56,18 +57,6 @@ def roots_between(function: Callable[[float], float], count: int) -> np.ndarray:
     values = np.array([function(place) for place in grid])
     brackets = np.flatnonzero(values[:-1] * values[1:] < 0.0)
     return np.array([brentq(function, grid[k], grid[k + 1], xtol=1e-14) for k in brackets[:count]])
-
-
-def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
-    """Return roots beta l of sin b l + i eta sin(b a) sin(b (l - a)) = 0, from those without damper by raising it in steps."""
-    roots = math.pi * np.arange(1, count + 1).astype(complex)
-    for value in np.linspace(0.0, eta, 800)[1:]:
-        for _ in range(8):
-            one, two = roots * place, roots * (1.0 - place)
-            misfit = np.sin(roots) + 1j * value * np.sin(one) * np.sin(two)
-            change = place * np.cos(one) * np.sin(two) + (1.0 - place) * np.sin(one) * np.cos(two)
-            roots = roots - misfit / (np.cos(roots) + 1j * value * change)
-    return roots
 
 
 def distance(model: Any, reference: Any) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from periodic_scenes import GUY, STIFFNESS, STRING, TENSION, mathieu, multipliers
+from references.damped_string import roots_with_damper
 from suite import slow
 
 import cablepod as cp
@@ -55,18 +56,6 @@ def guy(damping: float = 0.5, **tables: Any) -> Any:
         del mapping["motion"]
     mapping["damping"] = {"mass_proportional": damping}
     return cp.make_scene(mapping)
-
-
-def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
-    """Return roots beta l of sin b l + i eta sin(b a) sin(b (l - a)) = 0, from those without damper by raising it in steps."""
-    roots = np.pi * np.arange(1, count + 1).astype(complex)
-    for value in np.linspace(0.0, eta, 400)[1:]:
-        for _ in range(8):
-            one, two = roots * place, roots * (1.0 - place)
-            misfit = np.sin(roots) + 1j * value * np.sin(one) * np.sin(two)
-            change = place * np.cos(one) * np.sin(two) + (1.0 - place) * np.sin(one) * np.cos(two)
-            roots = roots - misfit / (np.cos(roots) + 1j * value * change)
-    return roots
 
 
 def response_at_middle(omega: float, force: float, place: float, eta: float) -> float:

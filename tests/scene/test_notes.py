@@ -13,8 +13,9 @@ from scenes import SOFT
 import cablepod as cp
 from cablepod import examples
 from cablepod.parameters._from_scene import SceneContent, parameters
-from cablepod.scene import _notes
-from cablepod.scene._notes import likely_keys, notes_of, warn_of_unusual, warn_once
+from cablepod.scene import _warnings
+from cablepod.scene._notes import likely_keys, notes_of, static_numbers
+from cablepod.scene._warnings import warn_of_unusual, warn_once
 
 #: A steel guy, as an engineer gives it; nothing is unusual about it.
 GUY = {
@@ -80,7 +81,7 @@ def test_another_unit_of_a_key_is_noted_or_refused_by_its_name(key, factor):
     else:
         assert notes_of(p)
         assert named in [path for path, _ in likely_keys(p)], likely_keys(p)
-        said = _notes._warning(p)
+        said = _warnings._warning(p)
         assert said.startswith(named), said
         remedy = said.partition("; try: ")[2]
     # the value that is meant is told; an area 1000 times too large may also be one in cm2
@@ -108,7 +109,7 @@ def test_another_unit_of_a_key_is_noted_or_refused_by_its_name(key, factor):
 )
 def test_the_unit_is_named(key, value, unit):
     try:
-        said = _notes._warning(parameters(cp.make_scene(guy(**{key: value}))))
+        said = _warnings._warning(parameters(cp.make_scene(guy(**{key: value}))))
     except cp.SceneError as error:
         said = str(error)
     assert f"(given in {unit}?)" in said
@@ -147,7 +148,7 @@ def test_ice_in_millimetres_is_refused_with_metres(wind):
 def test_a_diameter_that_the_area_contradicts_is_noted_with_its_unit(ice, factor, unit):
     mapping = guy(diameter=0.0029 * factor, area=4.0e-6, top_tension=500.0, breaking_strength=6000.0) | ice
     del mapping["load"]
-    said = _notes._warning(parameters(cp.make_scene(mapping)))
+    said = _warnings._warning(parameters(cp.make_scene(mapping)))
     assert said.startswith("cable.diameter: "), said
     assert f"cable.diameter = 0.0029 (given in {unit}?)" in said
     assert notes(guy(diameter=0.016) | ice) == ()
@@ -217,7 +218,7 @@ def test_each_threshold(path, value, key):
 )
 def test_the_largest_motion_is_that_of_the_run(function, bound):
     p = parameters(cp.make_scene({**GUY, "motion": {"upper": {"y": function}}}))
-    numbers = _notes.static_numbers(p)
+    numbers = static_numbers(p)
     assert numbers.motion == pytest.approx(bound, rel=1e-12)
     assert numbers.motion_key == "motion.upper.y"
 
@@ -311,7 +312,7 @@ def test_a_function_of_several_models_warns_once():
 def test_the_notes_of_a_known_scene_are_not_computed_again(monkeypatch):
     p = SceneContent.of(cp.make_scene(SOFT)).parameters()
     warn_of_unusual(p)
-    monkeypatch.setattr(_notes, "notes_of", None)
+    monkeypatch.setattr(_warnings, "notes_of", None)
     warn_of_unusual(SceneContent.of(cp.make_scene(SOFT)).parameters())
 
 
@@ -379,7 +380,7 @@ def test_a_mass_that_contradicts_the_diameter_is_noted(ice):
     (note,) = notes(mapping)
     # 14.2 / (pi / 4 0.017^2) = 62.6e3
     assert (note.key, "6.26e+04 kg/m3" in note.text) == ("cable.mass_per_length", True)
-    said = _notes._warning(parameters(cp.make_scene(mapping)))
+    said = _warnings._warning(parameters(cp.make_scene(mapping)))
     assert "try: cable.mass_per_length = 1.4475 (given in N/m?)" in said, said
     mapping["cable"]["mass_per_length"] = 1.42
     assert notes(mapping) == ()
@@ -387,7 +388,7 @@ def test_a_mass_that_contradicts_the_diameter_is_noted(ice):
 
 def test_what_a_table_has_does_not_hide_the_unit_of_the_cable():
     mapping = guy(density=7.85, diameter=0.016) | {"wind": {**WIND, "speed": 86.4}}
-    said = _notes._warning(parameters(cp.make_scene(mapping)))
+    said = _warnings._warning(parameters(cp.make_scene(mapping)))
     assert "try: cable.density = 7850 (given in t/m3?)" in said, said
     # and what one key cannot explain has no remedy
     assert likely_keys(parameters(cp.make_scene(AIRY | {"wind": {**WIND, "speed": 86.4}}))) == []
