@@ -81,8 +81,11 @@ def _attached(
         springs += [np.sqrt(attachment.spring) * row] if attachment.spring else []
         dampers += [np.sqrt(attachment.damper) * row] if attachment.damper else []
         kinks.append(row)
-    empty = np.empty((0, chain.links - 1))
-    return tuple(np.array(rows) if rows else empty for rows in (springs, dampers, kinks))  # type: ignore[return-value]
+
+    def array(rows: list[np.ndarray]) -> np.ndarray:
+        return np.array(rows).reshape(-1, chain.links - 1)
+
+    return array(springs), array(dampers), array(kinks)
 
 
 def _root_of_stiffness(chain: LumpedChain, tangent: RestTangent) -> np.ndarray:

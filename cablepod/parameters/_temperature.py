@@ -57,9 +57,10 @@ def expansion_of(
     if given and "thermal_expansion" not in table:
         allowed = f"none without {path}.thermal_expansion [1/K], 0 where it does not expand"
         raise scene_error(given[0], np.asarray(values[given[0]]).flat[0], allowed)
-    if "temperature" not in values:
+    temperatures = temperatures_of(values, number)
+    if temperatures is None or "temperature" not in values:
         return None
-    temperature, reference = temperatures_of(values, number)  # type: ignore[misc]
+    temperature, reference = temperatures
     return 1.0 + number(table["thermal_expansion"]) * (temperature - reference)
 
 
