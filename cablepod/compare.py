@@ -10,7 +10,7 @@ from cablepod._inputs import MOTION, floats, taken
 from cablepod.conventions import label
 from cablepod.discretisation._interpolation import at_places
 from cablepod.errors import SceneError, scene_error
-from cablepod.integrate._step_control import motion_scale
+from cablepod.integrate._comparison import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
 __all__ = ["errors"]

@@ -17,6 +17,7 @@ from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
 from cablepod.chain._lanes import ROUNDING
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._modal_damping import NodalDamping
+from cablepod.discretisation._step_limit import damped_growth
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import (
     Extremes,
@@ -27,7 +28,6 @@ from cablepod.integrate._output import (
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._peaks import peak_times
 from cablepod.integrate._run import ChainRun, Trajectory
-from cablepod.integrate._step_control import damped_growth
 from cablepod.integrate._window import window_attributes
 
 SCHEMES = ("velocity_verlet", "trapezoidal")

@@ -13,9 +13,10 @@ from cablepod.cable._mesh import part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ImplicitCableRun
 from cablepod.discretisation._chain import square
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_stacklevel
+from cablepod.integrate._output_times import preferred_steps_per_second
+from cablepod.integrate._refinement import observed_order
 from cablepod.integrate._request import Request
-from cablepod.integrate._run import Trajectory
-from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
+from cablepod.integrate._scheme import SchemeChoice, Solution, first_implicit_step
 from cablepod.integrate._space_error import (
     CLOSE_TO_LIMIT,
     FEWER_IMPLICIT_STEPS,
@@ -24,13 +25,7 @@ from cablepod.integrate._space_error import (
     companion_steps,
     extrapolated,
 )
-from cablepod.integrate._step_control import (
-    STEPS_PER_CHANGE,
-    complete,
-    observed_order,
-    preferred_steps_per_second,
-    refine_step,
-)
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, GivenStep, Refinement, Search, complete
 
 #: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).  With 40 and 80 the
 #: points of a field of gusts, between which it is linear, are borders of elements: within them the motion is smooth.
@@ -66,34 +61,29 @@ def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float |
     steps_per_second
         Of the given step; None if the step is to be chosen.
     """
+    search = _search_of(runs, request, steps_per_second)
+    complete(search)
+    return Solution.of(search)
+
+
+def _search_of(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> Search:
+    """Return the search of :func:`solve`."""
     run = runs[request.scheme or SCHEMES[0]]
     if steps_per_second is not None:
-        return Solution(run, run(steps_per_second), steps_per_second, None)
+        return GivenStep(run, steps_per_second)
     if request.scheme is not None:
-        return Solution(run, *_refine_in_time(run, request.tolerance))
-    return _choose_scheme(runs, request.tolerance)
-
-
-def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
-    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
+        resolved = 1.0 / run.step_limit if isinstance(run, ImplicitCableRun) else 0.0
+        return Refinement(replace(run.comparable(_first_step(run)), resolved=resolved), request.tolerance)
     explicit, implicit = (runs[name] for name in SCHEMES)
     steps_per_second = 1.0 / _first_step(explicit)
-    return complete(
-        choose_scheme(
-            explicit.comparable(_first_step(explicit)),
-            implicit.comparable(_first_step(implicit)),
-            tolerance,
-            step_limit=explicit.step_limit,
-            explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
-            max_steps_per_second=steps_per_second / IMPLICIT_COST,
-        )
+    return SchemeChoice(
+        explicit.comparable(_first_step(explicit)),
+        implicit.comparable(_first_step(implicit)),
+        request.tolerance,
+        step_limit=explicit.step_limit,
+        explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
+        max_steps_per_second=steps_per_second / IMPLICIT_COST,
     )
-
-
-def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
-    """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
-    resolved = 1.0 / run.step_limit if isinstance(run, ImplicitCableRun) else 0.0
-    return refine_step(replace(run.comparable(_first_step(run)), resolved=resolved), tolerance)
 
 
 def _first_step(run: CableRun) -> float:

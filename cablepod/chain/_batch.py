@@ -8,7 +8,7 @@ are added up in another order.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import xarray as xr
 
@@ -18,12 +18,12 @@ from cablepod.batch._stack import Variables
 from cablepod.chain._explicit import ExplicitStepper, PreparedRun
 from cablepod.chain._implicit import ImplicitStepper
 from cablepod.chain._lanes import LANES, ImplicitLanes
-from cablepod.chain._scheme import SCHEMES, ChainRequest, prepare, solution, solve, with_space_error
+from cablepod.chain._scheme import SCHEMES, ChainRequest, prepare, search_of, solution_of, solve, with_space_error
 from cablepod.errors import RunStopped, SceneError
 from cablepod.integrate._coarse import warn_of_few_links_in
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._scheme import Solution
-from cablepod.integrate._step_control import Search, Wanted, complete
+from cablepod.integrate._step_control import Search, complete
 from cablepod.parameters._from_scene import Members
 
 #: Maximum and minimum number of steps per block (multiples of the period after which tables of sines restart, so that the tables
@@ -52,20 +52,13 @@ def plan(scene: xr.Dataset, **options: Any) -> BatchPlan | None:
     return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk, abreast if in_lanes else 1)
 
 
-class Begun(NamedTuple):
-    """The search of a member's solution, with the run that it needs next."""
-
-    search: Search[Solution]
-    wanted: Wanted
-
-
 class ChainBatch:
     """Runs of the members of a scene with common options."""
 
     def __init__(self, members: Members, request: ChainRequest, title: str) -> None:
         self.members, self.request, self.title = members, request, title
         self.first: list[xr.Dataset] = []  #: result of the first member, the template of all others
-        self._begun: dict[int, Begun] = {}
+        self._searches: dict[int, Search] = {}  #: of members whose steps are still searched
         self._solved: dict[int, Solution] = {}
 
     def prepare_chunk(self, first: int, last: int, check: Callable[[], None]) -> None:
@@ -86,8 +79,7 @@ class ChainBatch:
         """Begin the search of a member; returns False if it runs alone, or fails, which its own run reports."""
         try:
             ready = prepare(self.members[i], self.request, self.title)
-            search = solution(ready, self.request)
-            self._begun[i] = Begun(search, next(search))
+            self._searches[i] = search_of(ready, self.request)
         except (ValueError, ArithmeticError):
             return False
         return ready.run.air is None and self.request.window is None and "tension_peaks" not in self.request.outputs
@@ -98,7 +90,7 @@ class ChainBatch:
         memory = MAX_KEPT_BYTES
         for i in ready:
             check()
-            run, steps_per_second = cast(Any, self._begun[i].wanted)
+            run, steps_per_second = cast(Any, self._searches[i].run), cast(float, self._searches[i].wanted)
             try:
                 prepared = run.begin(steps_per_second)
             except (ValueError, ArithmeticError):
@@ -122,19 +114,22 @@ class ChainBatch:
         unfinished = []
         for place, i in enumerate(group):
             # runs that are no longer finite, or are broken, are repeated alone, to find the failing step
-            if stepper.is_finite[place]:
-                try:
-                    result = cast(Any, self._begun[i].wanted.run).finish(stepper, place)
-                except RunStopped:
-                    continue
-                search = self._begun.pop(i).search
-                try:
-                    self._begun[i] = Begun(search, search.send(result))
+            if not stepper.is_finite[place]:
+                continue
+            search = self._searches[i]
+            try:
+                trajectory = cast(Any, search.run).finish(stepper, place)
+            except RunStopped:
+                continue
+            try:
+                search.take(trajectory)
+                if search.wanted is not None:
                     unfinished.append(i)
-                except StopIteration as end:
-                    self._solved[i] = end.value
-                except (ValueError, ArithmeticError):
-                    continue  # which the member's own run reports
+                    continue
+                self._solved[i] = solution_of(search)
+            except (ValueError, ArithmeticError):
+                pass  # which the member's own run reports
+            del self._searches[i]
         return unfinished
 
     def _advance(self, stepper: ExplicitStepper | ImplicitLanes, check: Callable[[], None]) -> None:
@@ -148,16 +143,12 @@ class ChainBatch:
 
     def run_member(self, i: int) -> tuple[Variables, Mapping[str, Any]]:
         """Return the variables and attributes of a member."""
-        solved = self._solved.pop(i, None)
-        if solved is None:
-            begun = self._begun.pop(i, None)
-            if begun is None:
-                solved = solve(prepare(self.members[i], self.request, self.title), self.request)
-            else:
-                solved = with_space_error(complete(begun.search, begun.wanted), self.request)
-        else:
-            solved = with_space_error(solved, self.request)
-        return self._to_variables(solved)
+        if (solved := self._solved.pop(i, None)) is None:
+            if (search := self._searches.pop(i, None)) is None:
+                return self._to_variables(solve(prepare(self.members[i], self.request, self.title), self.request))
+            complete(search)
+            solved = solution_of(search)
+        return self._to_variables(with_space_error(solved, self.request))
 
     def _to_variables(self, solution: Solution) -> tuple[Variables, Mapping[str, Any]]:
         """Return variables and attributes in the order of the first member's Dataset."""

@@ -11,13 +11,13 @@ import numpy as np
 
 from cablepod.chain import _kernels_layout as layout
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.discretisation._step_limit import damped_growth
 from cablepod.errors import RunStopped
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._peaks import peak_times
 from cablepod.integrate._run import ChainRun, Trajectory
-from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._time_functions import BatchedTimeFunction
 
 if TYPE_CHECKING:

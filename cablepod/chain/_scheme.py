@@ -24,8 +24,8 @@ from cablepod.discretisation._modal_damping import check_count, implicit_scheme
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
-from cablepod.integrate._run import ChainRun, Trajectory
-from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
+from cablepod.integrate._run import ChainRun
+from cablepod.integrate._scheme import SchemeChoice, Solution, first_implicit_step
 from cablepod.integrate._space_error import (
     FEWER_IMPLICIT_STEPS,
     FEWER_STEPS,
@@ -35,7 +35,7 @@ from cablepod.integrate._space_error import (
     distance_of,
     extrapolated,
 )
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, GivenStep, Refinement, Search, complete
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import air_of
@@ -111,8 +111,21 @@ def prepare(
 
 
 def solve(ready: PreparedScene, request: ChainRequest) -> Solution:
-    """Run a scene as :func:`solution` says."""
-    return with_space_error(complete(solution(ready, request)), request)
+    """Run a scene as :func:`search_of` says.
+
+    Raises
+    ------
+    RunStopped
+        If the motion is no longer finite, or the links hold excessive strain energy.
+
+    Warns
+    -----
+    NotConvergedWarning
+        If no step meets the tolerance, and if the links hold excessive strain energy with a given step.
+    """
+    search = search_of(ready, request)
+    complete(search)
+    return with_space_error(solution_of(search), request)
 
 
 def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
@@ -148,46 +161,35 @@ def _with_links(p: Parameters, links: int) -> Parameters:
     return replace(p, links=links, link_lengths=relative)
 
 
-def solution(ready: PreparedScene, request: ChainRequest) -> Search[Solution]:
-    """Search the solution of a scene: with the given scheme and step, or with those chosen by tolerance.
-
-    Parameters
-    ----------
-    ready
-        The prepared scene.
-    request
-        Options of the run.
-
-    Raises
-    ------
-    RunStopped
-        If the motion is no longer finite, or the links hold excessive strain energy.
-
-    Warns
-    -----
-    NotConvergedWarning
-        If no step meets the tolerance, and if the links hold excessive strain energy with a given step.
-    """
+def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
+    """Return the search of the solution of a scene: with the given scheme and step, or with those chosen by tolerance."""
     explicit, run, limit, steps_per_second = ready
     if steps_per_second is not None:
-        state = yield Wanted(run, steps_per_second)
-        if state.diagnostics["energy_excess"] > ENERGY_WARN:
-            warnings.warn(
-                f"the links hold up to {state.diagnostics['energy_excess']:.2g} times the energy that rest, loads and ends "
-                "explain: a resonance, or a step too long for links that slacken and snap taut; compare with half the step or "
-                "with scheme energy_momentum",
-                NotConvergedWarning,
-                stacklevel=user_stacklevel(),
-            )
-        return Solution(run, state, steps_per_second, None)
+        return GivenStep(run, steps_per_second)
     if request.scheme is not None or run is not explicit:
-        return Solution(run, *(yield from _refine_in_time(run, limit, request.tolerance)))
+        runs = run.comparable(_first_step(run, limit))
+        resolved = 1.0 / limit if isinstance(run, ImplicitChainRun) else 0.0
+        return Refinement(replace(runs, resolved=resolved), request.tolerance)
     trapezoidal = ImplicitChainRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title,
         window=explicit.window, air=explicit.air,
     )  # fmt: skip
     asked = request.given_tolerance is not None
-    return (yield from _choose_scheme(explicit, trapezoidal, limit, request.tolerance, asked=asked))
+    return _scheme_choice(explicit, trapezoidal, limit, request.tolerance, asked=asked)
+
+
+def solution_of(search: Search) -> Solution:
+    """Return the solution at the end of a search; warn if the links hold excessive strain energy with a given step."""
+    solved = Solution.of(search)
+    excess = solved.trajectory.diagnostics["energy_excess"]
+    if solved.time_error is None and excess > ENERGY_WARN:
+        warnings.warn(
+            f"the links hold up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
+            "long for links that slacken and snap taut; compare with half the step or with scheme energy_momentum",
+            NotConvergedWarning,
+            stacklevel=user_stacklevel(),
+        )
+    return solved
 
 
 def _check_radius(radius: float | None, scheme: str | None) -> float:
@@ -205,13 +207,13 @@ IMPLICIT_COST = 25.0
 LINK_STEP = 2e-9
 
 
-def _choose_scheme(
+def _scheme_choice(
     explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, tolerance: float, *, asked: bool
-) -> Search[Solution]:
+) -> SchemeChoice:
     """Search scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     steps_per_second = 1.0 / _first_step(explicit, limit)
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
-    return choose_scheme(
+    return SchemeChoice(
         explicit.comparable(_first_step(explicit, limit)),
         trapezoidal.comparable(_first_step(trapezoidal, limit)),
         tolerance,
@@ -219,12 +221,6 @@ def _choose_scheme(
         explicit_seconds=None if asked else seconds,
         max_steps_per_second=2.0 * steps_per_second / IMPLICIT_COST,
     )
-
-
-def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> Search[tuple[Trajectory, float, float]]:
-    """Shorten the step until two runs agree; ends with the trajectory, its steps per second, the estimate of its error."""
-    runs = run.comparable(_first_step(run, limit))
-    return refinement(replace(runs, resolved=1.0 / limit if isinstance(run, ImplicitChainRun) else 0.0), tolerance)
 
 
 def _first_step(run: ChainRun, limit: float) -> float:

@@ -32,7 +32,8 @@ from cablepod.condensed._runs import (
 from cablepod.condensed._stepper import FOURTH_ORDER
 from cablepod.condensed._waves import INTEGRATED_RATIO
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
-from cablepod.integrate._step_control import FIRST_MARGIN, MAX_WORK, STEPS_PER_CHANGE
+from cablepod.integrate._refinement import FIRST_MARGIN, MAX_WORK
+from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.integrate._window import window_attributes
 from cablepod.parameters._from_scene import Members
 from cablepod.reduced._validity import forcing_attributes

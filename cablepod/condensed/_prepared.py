@@ -13,9 +13,10 @@ from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_content
 from cablepod.condensed._prepared_model import PreparedModel
 from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import SceneError, scene_error
+from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_step
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_per_second
+from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters

@@ -20,20 +20,13 @@ from cablepod.condensed._stepper import FOURTH_ORDER, BoundaryDataOfTwo, Condens
 from cablepod.condensed._stops import stop_diverged, stop_open, stop_unstable
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
+from cablepod.integrate._comparison import SECOND_ORDER, ComparableRuns, motion_scale
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output_times import judged_instants
+from cablepod.integrate._output_times import judged_instants, preferred_steps_per_second
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._request import Request, check_resolved, check_step
-from cablepod.integrate._step_control import (
-    SECOND_ORDER,
-    STEPS_PER_CHANGE,
-    ComparableRuns,
-    fit_step,
-    motion_scale,
-    preferred_steps_per_second,
-    refine_step,
-)
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, fit_step, refine_step
 from cablepod.integrate._window import ExtremesWindow
 from cablepod.wind._air import air_of
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
@@ -214,7 +207,7 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
     estimate, and a third one only changes its time error.
     """
     model, end_time, scale = run.model, float(run.times[-1]), 1.0
-    error, root_mass = 0.0, model.root_total_mass
+    error, tolerance, root_mass = 0.0, math.inf, model.root_total_mass
     run = replace(run, boundary_data=BoundaryDataOfTwo(model, steps_per_second))
     runs_done = 0
 
@@ -225,17 +218,18 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
         return state
 
     def tolerance_of(state: CondensedTrajectory) -> float:
-        nonlocal error, scale
+        nonlocal error, scale, tolerance
         if end_time > 0.0:
             scale = motion_of(model, state)
             error = estimate(model, state, scale, run.air)
-        return min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
+        tolerance = min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
+        return tolerance
 
     runs = ComparableRuns(
         integrate, lambda state: state.q[:, None] / root_mass, lambda _: scale, steps_per_second, end_time, model.chain.links,
         order=run.order, first_order=FOURTH_ORDER_AT_FIRST, finish=lambda state: state.only(run.times),
     )  # fmt: skip
-    state, steps_per_second, time_error, tolerance = fit_step(runs, tolerance_of, by_second=True)
+    state, steps_per_second, time_error = fit_step(runs, tolerance_of)
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
 
 

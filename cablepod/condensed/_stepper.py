@@ -17,10 +17,10 @@ from cablepod.condensed._kernels_layout import (
     RunAir,
     initial_monitor,
 )
+from cablepod.discretisation._step_limit import damped_growth
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._means import with_steps_of_means
 from cablepod.integrate._output_times import OutputTimes, with_judged
-from cablepod.integrate._step_control import damped_growth
 
 if TYPE_CHECKING:
     from cablepod.condensed._model import CondensedModel

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.discretisation._step_limit import damped_growth
 from cablepod.errors import RunStopped
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
 from cablepod.galerkin._runs import POLYNOMIAL_COST, GalerkinRun
 from cablepod.integrate._output_times import distinct
-from cablepod.integrate._step_control import damped_growth
 
 #: Phase up to which a vibration has its exact frequency in steps of the filtered scheme [rad].
 FITTED_PHASE = 1.0

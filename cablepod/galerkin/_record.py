@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cablepod.galerkin._model import GalerkinModel
+from cablepod.integrate._comparison import motion_scale
 from cablepod.integrate._means import Means, means, with_steps_of_means
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._step_control import motion_scale
 from cablepod.integrate._window import steps_within
 
 if TYPE_CHECKING:

@@ -13,17 +13,11 @@ from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._record import GalerkinTrajectory
 from cablepod.galerkin._runs import GalerkinRun
-from cablepod.integrate._output_times import judged_instants
+from cablepod.integrate._comparison import ComparableRuns
+from cablepod.integrate._output_times import judged_instants, preferred_steps_per_second
 from cablepod.integrate._request import REDUCED_TOLERANCE, Request
-from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step, halve_step_while_cheaper
-from cablepod.integrate._step_control import (
-    STEPS_PER_CHANGE,
-    ComparableRuns,
-    complete,
-    fit_step,
-    preferred_steps_per_second,
-    refine_step,
-)
+from cablepod.integrate._scheme import Halving, SchemeChoice, Solution, first_implicit_step
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, Found, Refinement, complete, fit_step, refine_step
 
 SCHEMES = ("velocity_verlet", "filtered_verlet", "trapezoidal")
 EXPLICIT = SCHEMES[:2]
@@ -110,22 +104,21 @@ def _fit_to_model(
 
     runs = replace(compared, run=kept)
 
-    def refined(rate: float, expected: float) -> tuple[GalerkinTrajectory, float, float, float]:
-        return fit_step(replace(runs, steps_per_second=rate), lambda _: expected)
-
     try:
-        trajectory, rate, time_error, _ = fit_step(runs, lambda first: tolerance(2.0 * first.instants.steps_per_second))
+        fitted: Any = fit_step(runs, lambda second: tolerance(second.instants.steps_per_second))
         for _ in range(MAX_PASSES):
-            expected = tolerance(rate)
-            if time_error <= expected:
+            expected = tolerance(fitted.steps_per_second)
+            if fitted.error <= expected:
                 break
-            trajectory, rate, time_error, _ = refined(rate, expected)
+            again = Refinement(replace(runs, steps_per_second=fitted.steps_per_second), expected, economical=True)
+            fitted = complete(again)
     except RunStopped:
         return None
     if any(math.isnan(error) for error in errors.values()):
         return None
     reason = "explicit: vibrations that the step does not resolve are slowed"
-    return FittedSolution(Solution(run, trajectory, rate, time_error, reason), tolerance(rate), errors[rate])
+    rate = fitted.steps_per_second
+    return FittedSolution(Solution(run, *fitted, reason), tolerance(rate), errors[rate])
 
 
 def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> Solution:
@@ -134,25 +127,25 @@ def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float,
     explicit_runs, amplitudes = _comparable_runs(explicit, limit), explicit.q0.size
     steps_per_second = explicit_runs.steps_per_second
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
-    return complete(
-        choose_scheme(
-            explicit_runs,
-            _comparable_runs(implicit, limit),
-            tolerance,
-            step_limit=limit,
-            explicit_seconds=None if asked else seconds,
-            # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
-            max_steps_per_second=1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes),
-        )
+    search = SchemeChoice(
+        explicit_runs,
+        _comparable_runs(implicit, limit),
+        tolerance,
+        step_limit=limit,
+        explicit_seconds=None if asked else seconds,
+        # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
+        max_steps_per_second=1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes),
     )
+    complete(search)
+    return Solution.of(search)
 
 
-def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[GalerkinTrajectory, float, float]:
-    """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
+def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> Found:
+    """Shorten the step until two runs agree."""
     runs = _comparable_runs(run, limit)
     if isinstance(run, ImplicitGalerkinRun):
         maximum = TRIAL_RATIO * runs.steps_per_second
-        halved = complete(halve_step_while_cheaper(runs, tolerance, maximum))
+        halved: Found | None = complete(Halving(runs, tolerance, maximum))
         if halved is not None:
             return halved
         runs = replace(runs, steps_per_second=maximum, resolved=1.0 / limit)

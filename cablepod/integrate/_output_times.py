@@ -15,6 +15,15 @@ from cablepod.errors import scene_error
 MAX_STEPS = 2.0**53
 #: Instants of a run at which runs are compared where the output times leave gaps.
 JUDGED_INSTANTS = 64
+# Mantissas to which steps per second are rounded up: a step then hits round instants, and no bit of the result depends on the
+# output times.
+_PREFERRED_MANTISSAS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
+
+
+def preferred_steps_per_second(steps_per_second: float) -> float:
+    """Round a number of steps per second up to the next preferred one."""
+    power = 10.0 ** math.floor(math.log10(steps_per_second))
+    return next(p for p in _PREFERRED_MANTISSAS if p * power >= steps_per_second * (1.0 - 1e-12)) * power
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from cablepod._resources import check_memory
 from cablepod.conventions import label, shared_coordinates
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
+from cablepod.integrate._comparison import ComparableRuns, motion_scale
 from cablepod.integrate._energy_check import ENERGY_STOP, check_energy, max_energy_of_run
 from cablepod.integrate._means import Means, means, wants_means, with_steps_of_means
 from cablepod.integrate._output import (
@@ -30,10 +31,9 @@ from cablepod.integrate._output import (
     trajectory_attributes,
     trajectory_variables,
 )
-from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
+from cablepod.integrate._output_times import OutputTimes, judged_instants, preferred_steps_per_second, with_judged
 from cablepod.integrate._particle_air import OF_DRAG, ParticleAir, ParticleForces
 from cablepod.integrate._peaks import PeakSearch, Watch
-from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
 
 #: Rounding error of a link's stretch over its coordinates in links.

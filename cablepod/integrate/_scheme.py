@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
 
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.errors import RunStopped
-from cablepod.integrate._step_control import ComparableRuns, Search, Wanted, refinement
+from cablepod.integrate._comparison import ComparableRuns
+from cablepod.integrate._step_control import Found, Refinement, Search
 
 #: Maximum steps times links of a trial run with long implicit steps (a minute or two).
 MAX_TRIAL_WORK = 1e9
@@ -28,42 +29,41 @@ def first_implicit_step(chain: LumpedChain, tension: np.ndarray, end_time: float
     return max(min(end_time / 20.0, period / STEPS_PER_PERIOD), limit)
 
 
-def halve_step_while_cheaper(
-    runs: ComparableRuns, tolerance: float, max_steps_per_second: float
-) -> Search[tuple[Any, float, float] | None]:
-    """Search with halved long implicit steps until two runs agree well within `tolerance`.
+class Halving(Search):
+    """Long implicit steps, halved until two runs agree well within `tolerance`; in vain if no two runs agree.
 
     Long implicit steps do not resolve all frequencies, and so show no order: the distance of two runs counts as it is, and must
     be smaller than the tolerance by HALVING_MARGIN.  No run has more than `max_steps_per_second`, beyond which explicit steps are
     cheaper, nor more than MAX_TRIAL_WORK steps times links.
-
-    Returns
-    -------
-    tuple or None
-        The finer of the two runs, its steps per second, their distance; None if no two runs agree.
     """
-    coarse = None
-    for steps_per_second in halving_rates(runs, max_steps_per_second):
-        try:
-            fine = yield Wanted(runs.run, steps_per_second)
-        except RunStopped:
-            fine = None
-        if fine is not None and coarse is not None:
-            motion, tension = runs.distances(fine, coarse)
-            if max(motion, tension) <= tolerance / HALVING_MARGIN:
-                runs.note_tension(fine, tension)
-                return runs.finish(fine), steps_per_second, motion
-        coarse = fine
-    return None
 
+    def __init__(self, runs: ComparableRuns, tolerance: float, max_steps_per_second: float) -> None:
+        self.run, self._runs, self._tolerance = runs.run, runs, tolerance
+        self._most = min(max_steps_per_second, runs.max_steps_per_second(MAX_TRIAL_WORK))
+        self._coarse: Any = None  # the run before; None if it stopped
+        self.tried: list[float] = []  #: steps per second of the runs so far
+        self.wanted = self._allowed(runs.steps_per_second)
 
-def halving_rates(runs: ComparableRuns, max_steps_per_second: float) -> list[float]:
-    """Return the steps per second that :func:`halve_step_while_cheaper` tries in turn."""
-    upper_limit = min(max_steps_per_second, runs.max_steps_per_second(MAX_TRIAL_WORK))
-    rates = [runs.steps_per_second]
-    while rates[-1] <= upper_limit:
-        rates.append(2.0 * rates[-1])
-    return rates[:-1]
+    def _allowed(self, steps_per_second: float) -> float | None:
+        """Return steps per second, or None if they are too many."""
+        return steps_per_second if steps_per_second <= self._most else None
+
+    def stopped(self, why: RunStopped) -> None:
+        """Go on after a run that stopped."""
+        self.take(None)
+
+    def take(self, trajectory: Any) -> None:
+        """Take the run that was wanted, None if it stopped."""
+        rate = self.wanted
+        assert rate is not None
+        self.tried.append(rate)
+        if trajectory is not None and self._coarse is not None:
+            motion, tension = self._runs.distances(trajectory, self._coarse)
+            if max(motion, tension) <= self._tolerance / HALVING_MARGIN:
+                self._runs.note_tension(trajectory, tension)
+                self.found, self.wanted = Found(self._runs.finish(trajectory), rate, motion), None
+                return
+        self._coarse, self.wanted = trajectory, self._allowed(2.0 * rate)
 
 
 class Solution(NamedTuple):
@@ -75,6 +75,12 @@ class Solution(NamedTuple):
     time_error: float | None  #: estimate as a fraction of the motion; None for a given step
     reason: str = "given"  #: for the scheme
     space_error: float | None = None  #: estimate as a fraction of the motion; None unless it is an output
+
+    @classmethod
+    def of(cls, search: Search) -> Self:
+        """Return what a search has found at its end."""
+        assert search.found is not None
+        return cls(search.run, *search.found, search.reason)
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -91,16 +97,8 @@ class Solution(NamedTuple):
         return result
 
 
-def choose_scheme(
-    explicit: ComparableRuns,
-    implicit: ComparableRuns,
-    tolerance: float,
-    *,
-    step_limit: float,
-    explicit_seconds: float | None,
-    max_steps_per_second: float,
-) -> Search[Solution]:
-    """Search scheme and step for a tolerance: implicit if its steps are long enough to be faster.
+class SchemeChoice(Search):
+    """Search of scheme and step for a tolerance: implicit if its steps are long enough to be faster.
 
     Parameters
     ----------
@@ -115,16 +113,54 @@ def choose_scheme(
     max_steps_per_second
         Of implicit runs; beyond it explicit steps are cheaper.
     """
-    if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
-        reason = f"explicit: its runs were expected to take {explicit_seconds:.1g} s, too little to try another scheme"
-        return Solution(explicit.run, *(yield from refinement(explicit, tolerance)), reason)
-    halved = yield from halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
-    if halved is not None:
-        ratio = 1.0 / (halved[1] * step_limit)
-        reason = f"implicit: two runs with steps of {ratio:.3g} and {2 * ratio:.3g} times the explicit limit agreed"
-        return Solution(implicit.run, *halved, reason)
-    rates = halving_rates(implicit, max_steps_per_second)
-    reason = f"explicit: no two implicit runs have steps above {1 / max_steps_per_second:.3g} s, where they are cheaper"
-    if len(rates) > 1:
-        reason = f"explicit: implicit runs with steps down to {1 / rates[-1]:.3g} s did not agree"
-    return Solution(explicit.run, *(yield from refinement(explicit, tolerance)), reason)
+
+    def __init__(
+        self,
+        explicit: ComparableRuns,
+        implicit: ComparableRuns,
+        tolerance: float,
+        *,
+        step_limit: float,
+        explicit_seconds: float | None,
+        max_steps_per_second: float,
+    ) -> None:
+        self._explicit, self._tolerance = explicit, tolerance
+        self._step_limit, self._most = step_limit, max_steps_per_second
+        self._halving = Halving(implicit, tolerance, max_steps_per_second)
+        self._search: Search = self._halving
+        if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
+            self.reason = (
+                f"explicit: its runs were expected to take {explicit_seconds:.1g} s, too little to try another scheme"
+            )
+            self._search = Refinement(explicit, tolerance)
+        self._follow()
+
+    def take(self, trajectory: Any) -> None:
+        """Take the run that was wanted."""
+        self._search.take(trajectory)
+        self._follow()
+
+    def stopped(self, why: RunStopped) -> None:
+        """Take account of a run that stopped."""
+        self._search.stopped(why)
+        self._follow()
+
+    def _follow(self) -> None:
+        """Say what the present search says; go on with explicit steps where implicit ones were in vain."""
+        halving = self._halving
+        if self._search is halving and halving.wanted is None:
+            if halving.found is not None:
+                ratio = 1.0 / (halving.found.steps_per_second * self._step_limit)
+                self.reason = (
+                    f"implicit: two runs with steps of {ratio:.3g} and {2 * ratio:.3g} times the explicit limit agreed"
+                )
+            else:
+                self.reason = (
+                    f"explicit: no two implicit runs have steps above {1 / self._most:.3g} s, where they are cheaper"
+                )
+                if len(halving.tried) > 1:
+                    self.reason = (
+                        f"explicit: implicit runs with steps down to {1 / halving.tried[-1]:.3g} s did not agree"
+                    )
+                self._search = Refinement(self._explicit, self._tolerance)
+        self.run, self.wanted, self.found = self._search.run, self._search.wanted, self._search.found

@@ -18,13 +18,9 @@ from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._modal_damping import refuse_damping_ratios
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, user_stacklevel
 from cablepod.integrate._output import chain_coordinates, rest_dataset
+from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._request import Request
-from cablepod.integrate._run import Trajectory
-from cablepod.integrate._step_control import (
-    check_work,
-    preferred_steps_per_second,
-    refine_step,
-)
+from cablepod.integrate._step_control import Found, check_work, refine_step
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters
@@ -235,8 +231,8 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
     return chain_of(p, links, least=2 if p.free_end is None else 1)
 
 
-def _refine_in_time(run: RigidRun, tolerance: float) -> tuple[Trajectory, float, float]:
-    """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
+def _refine_in_time(run: RigidRun, tolerance: float) -> Found:
+    """Shorten the step until two runs agree."""
     runs = run.comparable(run.first_step())
     check_work(runs.steps_per_second, runs.end_time, runs.links)
     try:  # the initial shape does not tell how fast links will rotate

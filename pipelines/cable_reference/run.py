@@ -28,7 +28,7 @@ from cablepod.cable._start import start
 from cablepod.conventions import label
 from cablepod.discretisation._laws import LAWS
 from cablepod.examples import data_folder, scene
-from cablepod.integrate._step_control import preferred_steps_per_second
+from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.parameters._from_scene import parameters
 
 SCENES = ("example2", "example3", "example4", "sagging", "stiff_spatial")

@@ -28,7 +28,8 @@ from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene as shipped
 from cablepod.examples import truth_path, truths
-from cablepod.integrate import _step_control as step_control
+from cablepod.integrate._comparison import motion_scale
+from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 
@@ -94,7 +95,7 @@ class Truth:
         truth = self.at(position.shape[1])
         chord = float(np.linalg.norm(truth[0, -1] - truth[0, 0]))
         error = np.sqrt(np.mean(np.sum((position - truth) ** 2, axis=-1), axis=-1))
-        error /= step_control.motion_scale(truth, truth[0], chord)
+        error /= motion_scale(truth, truth[0], chord)
         return float(error.max()), float(np.sqrt(np.mean(error**2)))
 
 
@@ -107,7 +108,7 @@ def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: 
             return Truth(given, law, kept["position"].values, elements)
     mesh = mesh_of(parameters(given), elements, law=law, points="nodes")
     # by law (21) the cable at rest is stiffer, by a thousandth: less than the margin
-    step = 1.0 / step_control.preferred_steps_per_second(mesh.highest_frequency(1.0) / (2.0 * SHARE))
+    step = 1.0 / preferred_steps_per_second(mesh.highest_frequency(1.0) / (2.0 * SHARE))
     run = cp.cable.simulate(given, elements=elements, law=law, step=step, times=times, points="nodes")
     cp.archive.write(run, path, overwrite=True)
     return Truth(given, law, run["position"].values, elements)
@@ -121,7 +122,7 @@ def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
     kept = kept.isel(time=kept["time"].values <= times[-1] + 1e-9)
     ours = truth.at(kept.sizes["particle"])[np.searchsorted(times, kept["time"].values - 1e-9)]
     theirs = kept["position"].values
-    scale = step_control.motion_scale(theirs, theirs[0], float(np.linalg.norm(theirs[0, -1] - theirs[0, 0])))
+    scale = motion_scale(theirs, theirs[0], float(np.linalg.norm(theirs[0, -1] - theirs[0, 0])))
     return float(np.sqrt(np.mean(np.sum((ours - theirs) ** 2, axis=-1), axis=-1)).max()) / scale
 
 

@@ -51,7 +51,7 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod.conventions import label
-from cablepod.integrate import _step_control as step_control
+from cablepod.integrate._output_times import preferred_steps_per_second
 from error_vs_runtime.figure import LEVELS, draw, markdown
 from error_vs_runtime.models import (
     ELEMENTS,
@@ -127,9 +127,7 @@ def first_look(
         try:
             step = setting.step
             if setting.share:  # rounded down, so that steps hit seconds
-                step = 1.0 / step_control.preferred_steps_per_second(
-                    1.0 / (setting.share * limit_of(given, setting, training))
-                )
+                step = 1.0 / preferred_steps_per_second(1.0 / (setting.share * limit_of(given, setting, training)))
             job = job_of(given, setting, step, training)
             calls, run = kernel_calls(job, fine, setting, POSITIONS)
         except (cp.RunStopped, cp.SceneError):

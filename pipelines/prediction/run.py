@@ -54,7 +54,7 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._coefficients import ORDERS
-from cablepod.integrate._step_control import motion_scale
+from cablepod.integrate._comparison import motion_scale
 from cablepod.parameters._from_scene import parameters
 from cablepod.pod import _normal as pod_normal
 from prediction import figure

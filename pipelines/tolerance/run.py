@@ -33,7 +33,7 @@ import xarray as xr
 from _study import command_line, markdown_table, show_table
 
 import cablepod as cp
-from cablepod.integrate._step_control import tension_distance
+from cablepod.integrate._comparison import tension_distance
 
 TOLERANCES = {"chain": (1e-2, 1e-3, 1e-4, 1e-5), "tension": (1e-2, 1e-3, 1e-5), "reduced": (1e-2, 1e-3, 1e-5)}
 DURATION, INSTANTS, RANK = 4.0, 401, 3

@@ -13,7 +13,7 @@ import cablepod as cp
 from cablepod.galerkin import _estimate as galerkin_estimate
 from cablepod.galerkin import _explicit as galerkin_explicit
 from cablepod.galerkin._assembly import model_of
-from cablepod.integrate._step_control import motion_scale
+from cablepod.integrate._comparison import motion_scale
 from cablepod.parameters._from_scene import parameters
 
 TIMES = np.arange(0.0, 4.01, 0.1)

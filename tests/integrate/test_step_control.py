@@ -9,19 +9,20 @@ import pytest
 
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
+from cablepod.integrate import _comparison as comparison
 from cablepod.integrate import _output_times as output_times
+from cablepod.integrate import _refinement as refinement
 from cablepod.integrate import _scheme as schemes
 from cablepod.integrate import _step_control as step_control
-from cablepod.integrate._step_control import complete
 from cablepod.rigid import _runs as rigid_runs
 
 
 @pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])
 def test_preferred_rates_are_round_and_never_lower(rate):
-    chosen = step_control.preferred_steps_per_second(rate)
+    chosen = output_times.preferred_steps_per_second(rate)
     assert rate * (1 - 1e-12) <= chosen <= 1.28 * rate
     assert chosen / 10.0 ** np.floor(np.log10(chosen)) == pytest.approx(
-        min(step_control._PREFERRED_MANTISSAS, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
+        min(output_times._PREFERRED_MANTISSAS, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
     )
 
 
@@ -54,7 +55,7 @@ class ArtificialRuns:
         def position(run):
             return np.reshape(run[1], (1, 1, -1))
 
-        return step_control.ComparableRuns(self, position, lambda run: 1.0, self.first, end_time, links, **options)
+        return comparison.ComparableRuns(self, position, lambda run: 1.0, self.first, end_time, links, **options)
 
     def refine(self, tolerance, **options):
         return step_control.refine_step(self.runs(**options), tolerance)
@@ -62,7 +63,7 @@ class ArtificialRuns:
 
 def runs_without_error(run):
     """Runs that all have the same positions."""
-    return step_control.ComparableRuns(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0)
+    return comparison.ComparableRuns(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0)
 
 
 @pytest.mark.parametrize(
@@ -126,13 +127,13 @@ def test_runs_do_not_grow_without_bound():
     with pytest.warns(cp.NotConvergedWarning, match="too abrupt for this scheme"):
         artificial.refine(1e-6, **long)
     # the last is rounded up to a preferred rate
-    assert max(artificial.calls) <= 1.3 * step_control.MAX_GROWTH * artificial.first
-    barely = ArtificialRuns(0.9e-6 * step_control.MAX_GROWTH, 1.0)
+    assert max(artificial.calls) <= 1.3 * refinement.MAX_GROWTH * artificial.first
+    barely = ArtificialRuns(0.9e-6 * refinement.MAX_GROWTH, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         (_, error), _, _ = barely.refine(1e-6, **long)
     assert error <= 1e-6
-    quick = ArtificialRuns(2e-6 * step_control.MAX_GROWTH, 1.0)  # runs that take no time may have more steps
+    quick = ArtificialRuns(2e-6 * refinement.MAX_GROWTH, 1.0)  # runs that take no time may have more steps
     (_, error), _, _ = quick.refine(1e-6, end_time=1.0, links=5)
     assert error <= 1e-6
 
@@ -161,7 +162,7 @@ def test_runs_that_choose_their_step_have_bounded_work(first, runs):
 def test_trials_of_long_implicit_steps_have_bounded_work():
     artificial = ArtificialRuns(1.0, 0.1)
     runs = artificial.runs(end_time=schemes.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
-    assert complete(schemes.halve_step_while_cheaper(runs, 1e-6, 1e9)) is None
+    assert step_control.complete(schemes.Halving(runs, 1e-6, 1e9)) is None
     assert artificial.calls == [100.0, 200.0, 400.0, 800.0]
 
 
@@ -213,9 +214,7 @@ def test_steps_are_counted_in_doubles(soft):
 
 def halved(size, order, tolerance, max_steps_per_second):
     artificial = ArtificialRuns(size, order)
-    return complete(
-        schemes.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second)
-    ), artificial.calls
+    return step_control.complete(schemes.Halving(artificial.runs(), tolerance, max_steps_per_second)), artificial.calls
 
 
 def test_halving_stops_where_two_runs_agree_by_a_margin():
@@ -244,7 +243,7 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    accepted = complete(schemes.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9))
+    accepted = step_control.complete(schemes.Halving(runs_without_error(run), 1e-3, 1e9))
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert accepted[1] == 800.0
 
@@ -256,7 +255,7 @@ def test_runs_that_do_not_converge_end_soon():
         calls.append(rate)
         return 1e-2 * (-1.0) ** len(calls)
 
-    runs = step_control.ComparableRuns(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0)
+    runs = comparison.ComparableRuns(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0)
     with pytest.warns(cp.NotConvergedWarning, match="an error of .* is left at step"):
         step_control.refine_step(runs, 1e-6)
     assert len(calls) == 4
@@ -325,7 +324,7 @@ def tension_runs(size, order, **options):
         return np.array([[0.0], [1.0 + size * (100.0 / rate) ** order]])
 
     noted = {}
-    runs = step_control.ComparableRuns(
+    runs = comparison.ComparableRuns(
         run, lambda rate: np.zeros((1, 1, 1)), lambda rate: 1.0, 100.0, 1.0, 10, tension=tension,
         note_tension=noted.__setitem__, **options,
     )  # fmt: skip
@@ -344,19 +343,19 @@ def test_tensions_are_refined_as_the_motion_is(size):
 
 
 def test_tensions_that_do_not_converge_are_said_to_be_the_only_ones(monkeypatch):
-    monkeypatch.setattr(step_control, "MAX_TENSION_WORK", 1.0)
+    monkeypatch.setattr(refinement, "MAX_TENSION_WORK", 1.0)
     runs, noted = tension_runs(0.3, 1.0)
     with pytest.warns(
         cp.NotConvergedWarning, match=r"tension not converged .* of 0 of the motion, .* 0\.0001; .* ramp"
     ):
         fine, rate, _ = step_control.refine_step(runs, 1e-4)
-    assert rate <= step_control.MAX_TENSION_GROWTH * 100.0
+    assert rate <= refinement.MAX_TENSION_GROWTH * 100.0
     assert noted[fine] > 1e-4
 
 
 def test_rounding_errors_of_the_tension_do_not_count():
     runs, _ = tension_runs(0.3, 0.0)
-    same = step_control.tension_distance(np.array([[0.0], [1.0]]), np.array([[1e-3], [1.0]]), 1e-3)
+    same = comparison.tension_distance(np.array([[0.0], [1.0]]), np.array([[1e-3], [1.0]]), 1e-3)
     assert same == 0.0
     assert step_control.refine_step(runs, 1e-4)[1] == 200.0
 
