@@ -12,6 +12,7 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import unstretched_length
+from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
 from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
@@ -25,6 +26,8 @@ from cablepod.parameters._particles import refuse_own
 ORDER = 7
 #: Maximum polynomial order of an element.
 MAX_ORDER = 16
+#: Number of points at which runs with different elements are compared.
+COMPARED_POINTS = 65
 #: Default number of particles in the output for a scene without a chain.
 DEFAULT_PARTICLES = 41
 
@@ -236,6 +239,17 @@ class SpectralMesh(LumpedChain):
         if self.sizes.size == 1:  # without a copy of all nodes for each point
             return rows @ values
         return np.einsum("ji,...jic->...jc", rows, values[..., self._nodes[element], :])
+
+    def at_compared(self, position: np.ndarray) -> np.ndarray:
+        """Return positions (..., points, dims) at equidistant points: nodes are not, and errors are means over the cable."""
+        return self.interpolate(position, self.total_length * np.linspace(0.0, 1.0, COMPARED_POINTS))
+
+    @property
+    def end_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the prescribed coordinates in positions (dims, nodes), in the order of the motions."""
+        motions = self.p.motions
+        rows = np.array([COORDINATES.index(axis) for _, axis in motions], dtype=np.int64)
+        return rows, np.array([self.links * ENDS.index(end) for end, _ in motions], dtype=np.int64)
 
     # --- frequencies ---
 

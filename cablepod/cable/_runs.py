@@ -15,9 +15,9 @@ from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
 from cablepod.chain._lanes import ROUNDING
-from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.discretisation._step_limit import damped_growth
+from cablepod.integrate._chain_run import Trajectory
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import (
     Extremes,
@@ -26,80 +26,59 @@ from cablepod.integrate._output import (
     trajectory_attributes,
 )
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._peaks import peak_times
-from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._window import window_attributes
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
-#: Number of points at which runs with different elements are compared.
-COMPARED_POINTS = 65
+#: Remedy for a violated energy balance, as stated in the message.
+REMEDY = "a step half as long, or other elements"
 #: Relative tolerance of Newton's method: correction of the nodes over their mean distance.
 NEWTON_RTOL = 1e-9
 #: Initial slack record: first step with a stretch below 1 and its point, step and point of the minimum, minimum of the square.
 NO_SLACK = (-1.0, -1.0, -1.0, -1.0, 1.0)
 
 
-class CableRun(ChainRun):
-    """Run of the continuous cable, common to both schemes."""
+def with_slack(state: Trajectory, mesh: SpectralMesh, slack: np.ndarray) -> Trajectory:
+    """Add time and arc length of the first and the smallest stretch below 1, over all steps, to the attributes of a run."""
+    arc_length, steps_per_second = mesh.point_arc_length, state.instants.steps_per_second
+    if slack[0] >= 0.0:
+        state.diagnostics |= {
+            "first_slack_time": float(slack[0]) / steps_per_second,
+            "first_slack_arc_length": float(arc_length[int(slack[1])]),
+            "smallest_stretch": math.sqrt(float(slack[4])),
+            "smallest_stretch_time": float(slack[2]) / steps_per_second,
+            "smallest_stretch_arc_length": float(arc_length[int(slack[3])]),
+        }
+    return state
+
+
+def _attributes(run: CableRun, state: Trajectory) -> dict[str, Any]:
+    """Return the attributes of the result."""
+    mesh = run.chain
+    stretch = mesh.stretch(state.position)
+    instant, point = np.unravel_index(int(stretch.argmin()), stretch.shape)
+    return {
+        "title": f"{run.title}: continuous cable{law_suffix(mesh)}",
+        **trajectory_attributes("continuous cable", run.scheme, state.instants, law=mesh.law),
+        "elements": mesh.sizes.size,
+        "element_order": mesh.order,
+        "highest_angular_frequency": mesh.highest_frequency(mesh.tangent_stiffness_ratio(run.initial)),
+        "smallest_stretch": float(stretch[instant, point]),
+        "smallest_stretch_time": float(state.instants.times[instant]),
+        "smallest_stretch_arc_length": float(mesh.point_arc_length[point]),
+        **state.diagnostics,
+        **time_scale_attributes(mesh.p),
+        **mesh.p.offsets(),
+        **window_attributes(run.window),
+    }
+
+
+class ExplicitCableRun(ExplicitChainRun):
+    """Velocity Verlet: second order, symplectic without damping, stable below 2 over the highest angular frequency."""
 
     chain: SpectralMesh
     air: MeshAir | None
-
-    @property
-    def remedy(self) -> str:
-        """Remedy for a violated energy balance, as stated in the message."""
-        return "a step half as long, or other elements"
-
-    def end_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return rows and columns of the prescribed coordinates in positions (dims, nodes), in the order of the motions."""
-        motions = self.chain.p.motions
-        rows = np.array([COORDINATES.index(axis) for _, axis in motions], dtype=np.int64)
-        return rows, np.array([self.chain.links * ENDS.index(end) for end, _ in motions], dtype=np.int64)
-
-    def add_slack_attributes(self, state: Trajectory, slack: np.ndarray) -> Trajectory:
-        """Add time and arc length of the first and the smallest stretch below 1, over all steps."""
-        arc_length, steps_per_second = self.chain.point_arc_length, state.instants.steps_per_second
-        if slack[0] >= 0.0:
-            state.diagnostics |= {
-                "first_slack_time": float(slack[0]) / steps_per_second,
-                "first_slack_arc_length": float(arc_length[int(slack[1])]),
-                "smallest_stretch": math.sqrt(float(slack[4])),
-                "smallest_stretch_time": float(slack[2]) / steps_per_second,
-                "smallest_stretch_arc_length": float(arc_length[int(slack[3])]),
-            }
-        return state
-
-    def compared(self, position: np.ndarray) -> np.ndarray:
-        """Return positions (..., points, dims) at equidistant points: nodes are not, and errors are means over the cable."""
-        return self.chain.interpolate(position, self.chain.total_length * np.linspace(0.0, 1.0, COMPARED_POINTS))
-
-    def at_particles(self, values: Any) -> np.ndarray:
-        """Interpolate nodal values (times, nodes, dims) at the output particles."""
-        return self.chain.interpolate(values)
-
-    def attributes(self, state: Trajectory) -> dict[str, Any]:
-        """Return the attributes of the result."""
-        mesh = self.chain
-        stretch = mesh.stretch(state.position)
-        instant, point = np.unravel_index(int(stretch.argmin()), stretch.shape)
-        return {
-            "title": f"{self.title}: continuous cable{law_suffix(mesh)}",
-            **trajectory_attributes("continuous cable", self.scheme, state.instants, law=mesh.law),
-            "elements": mesh.sizes.size,
-            "element_order": mesh.order,
-            "highest_angular_frequency": mesh.highest_frequency(mesh.tangent_stiffness_ratio(self.initial)),
-            "smallest_stretch": float(stretch[instant, point]),
-            "smallest_stretch_time": float(state.instants.times[instant]),
-            "smallest_stretch_arc_length": float(mesh.point_arc_length[point]),
-            **state.diagnostics,
-            **time_scale_attributes(mesh.p),
-            **mesh.p.offsets(),
-            **window_attributes(self.window),
-        }
-
-
-class ExplicitCableRun(CableRun, ExplicitChainRun):
-    """Velocity Verlet: second order, symplectic without damping, stable below 2 over the highest angular frequency."""
+    remedy = REMEDY
+    attributes = _attributes
 
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Integrate the equations of motion with a given number of steps per second."""
@@ -135,7 +114,7 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         low, high = extremes or (np.empty(0), np.empty(0))
         d, weight, scale, stiffness, green, ratios = mesh.law_arguments
         element, rows = mesh.link_rows
-        slack, bound, end_places = np.array(NO_SLACK), self.divergence_bound, self.end_places()
+        slack, bound, end_places = np.array(NO_SLACK), self.divergence_bound, mesh.end_places
 
         def advance(start: int, steps: int) -> bool:
             first, last = np.searchsorted(instants.steps, (start, start + steps))
@@ -150,12 +129,13 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
         state = (x, v, slack, *(() if v_before is None else (v_before,)), *(() if self.air is None else wind[5:]))
-        watch = None if extremes is None else self.watch_of(steps_per_second, total, low, high)
+        watch = self.watch(steps_per_second, total, extremes)
         failed_step = advance_in_blocks(advance, state, total, self.progress, watch)
         if failed_step is not None:
             self._stop(instants, saved, self._of_all_nodes(half_step_rates), failed_step, steps_per_second)
+        peaks = None if watch is None else watch.finish(advance, state, steps_per_second)
         result = self._gather(instants, saved, self._of_all_nodes(half_step_rates), extremes)
-        result = replace(self.add_slack_attributes(result, slack), peak_times=peak_times(watch, steps_per_second))
+        result = replace(with_slack(result, mesh, slack), peak_times=peaks)
         self._check_limit(result)
         return self.check_energy(result)
 
@@ -168,8 +148,13 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         return result
 
 
-class ImplicitCableRun(CableRun, ImplicitChainRun):
+class ImplicitCableRun(ImplicitChainRun):
     """Trapezoidal rule: second order, unconditionally stable in linear theory."""
+
+    chain: SpectralMesh
+    air: MeshAir | None
+    remedy = REMEDY
+    attributes = _attributes
 
     @property
     def alternatives(self) -> str:
@@ -201,7 +186,11 @@ class ImplicitCableRun(CableRun, ImplicitChainRun):
 
     def _gather(self, stepper: ImplicitStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
         assert isinstance(stepper, _CableStepper)
-        return self.add_slack_attributes(super()._gather(stepper, instants, extremes), stepper.slack)
+        return with_slack(super()._gather(stepper, instants, extremes), self.chain, stepper.slack)
+
+
+#: Run of the continuous cable by either scheme.
+CableRun = ExplicitCableRun | ImplicitCableRun
 
 
 class _CableStepper(ImplicitStepper):
@@ -235,7 +224,7 @@ class _CableStepper(ImplicitStepper):
         run, mesh, p = self.run, self.run.chain, self.run.chain.p
         low, high = self.extremes or (np.empty(0), np.empty(0))
         d, weight, scale, stiffness, green, ratios = mesh.law_arguments
-        rows, columns = run.end_places()
+        rows, columns = mesh.end_places
         ends = p.end_positions(time)
         end_table = np.array([ends[:, -1 if column else 0, row] for row, column in zip(rows, columns, strict=True)])
         # current positions and those of the ends in these steps, as the cable may have moved far from its initial shape

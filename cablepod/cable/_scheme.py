@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_st
 from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._refinement import observed_order
 from cablepod.integrate._request import Request
-from cablepod.integrate._scheme import SchemeChoice, Solution, first_implicit_step
+from cablepod.integrate._scheme import SchemeChoice, Solution
 from cablepod.integrate._space_error import (
     CLOSE_TO_LIMIT,
     FEWER_IMPLICIT_STEPS,
@@ -25,7 +24,7 @@ from cablepod.integrate._space_error import (
     companion_steps,
     extrapolated,
 )
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, GivenStep, Refinement, Search, complete
+from cablepod.integrate._step_control import GivenStep, Refinement, Search, complete
 
 #: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).  With 40 and 80 the
 #: points of a field of gusts, between which it is linear, are borders of elements: within them the motion is smooth.
@@ -72,37 +71,17 @@ def _search_of(runs: dict[str, CableRun], request: Request, steps_per_second: fl
     if steps_per_second is not None:
         return GivenStep(run, steps_per_second)
     if request.scheme is not None:
-        resolved = 1.0 / run.step_limit if isinstance(run, ImplicitCableRun) else 0.0
-        return Refinement(replace(run.comparable(_first_step(run)), resolved=resolved), request.tolerance)
+        return Refinement(run.comparable_runs(), request.tolerance)
     explicit, implicit = (runs[name] for name in SCHEMES)
-    steps_per_second = 1.0 / _first_step(explicit)
+    steps_per_second = 1.0 / explicit.resolving(explicit.unforced_step)
     return SchemeChoice(
-        explicit.comparable(_first_step(explicit)),
-        implicit.comparable(_first_step(implicit)),
+        explicit.comparable_runs(),
+        implicit.comparable_runs(),
         request.tolerance,
         step_limit=explicit.step_limit,
-        explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
+        explicit_seconds=3.0 * explicit.end_time * steps_per_second * explicit.chain.links * NODE_STEP,
         max_steps_per_second=steps_per_second / IMPLICIT_COST,
     )
-
-
-def _first_step(run: CableRun) -> float:
-    """Step of the first run [s]."""
-    of_wind = math.inf if run.air is None else 0.5 * run.air.interval
-    return min(unforced_step(run), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
-
-
-def unforced_step(run: CableRun) -> float:
-    """Choose the step of the first run without regard to motions and loads [s]."""
-    mesh, end_time = run.chain, float(run.times[-1])
-    if isinstance(run, ImplicitCableRun):
-        tension = mesh.tensions_and_forces(run.initial)[0]
-        return first_implicit_step(mesh, tension, end_time, run.step_limit)
-    if not mesh.green:
-        return 0.9 * run.step_limit
-    # with the largest stretch that the ends enforce, and a margin for waves
-    enforced = np.maximum(mesh.tangent_stiffness_ratio(run.initial), mesh.largest_enforced_ratio(end_time))
-    return min(0.8 * mesh.step_limit(enforced), 0.9 * run.step_limit)
 
 
 def refine_in_space(
@@ -130,11 +109,11 @@ def refine_in_space(
     counts = [count for count in element_counts(first) if count >= MIN_REFINEMENT * first]
     for count in counts:
         finer = runs(count)[run.scheme]
-        minimum = 0.0 if isinstance(finer, ImplicitCableRun) else 1.0 / unforced_step(finer)
+        minimum = 0.0 if isinstance(finer, ImplicitCableRun) else 1.0 / finer.unforced_step
         finer_trajectory = finer(
             steps_per_second if steps_per_second >= minimum else preferred_steps_per_second(minimum)
         )
-        gap = finer.compared(finer_trajectory.position) - run.compared(trajectory.position)
+        gap = finer.compared(finer_trajectory) - run.compared(trajectory)
         distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / finer.motion(finer_trajectory)
         refinement = count / run.chain.sizes.size
         estimate = distance
@@ -186,7 +165,7 @@ def space_error_of(runs: Callable[..., dict[str, CableRun]], solution: Solution)
         state = companion(rate * companion_steps(given if is_given else limits, part, limits))
     except (RunStopped, SceneError):
         return math.nan
-    compared = run.compared(solution.trajectory.position)
-    gap = companion.compared(state.position) - compared
+    compared = run.compared(solution.trajectory)
+    gap = companion.compared(state) - compared
     distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / run.motion_of(compared)
     return extrapolated(distance, elements / fewer, 2 if order == 1 else 1) if coarser[0] < elements else distance

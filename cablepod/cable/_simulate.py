@@ -283,14 +283,9 @@ def simulate(
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
         air = None if cable_air is None else MeshAir(mesh, cable_air)
         initial = start(mesh, air)
-        arguments = (mesh, instants, initial, request.outputs, request.progress, title)
-        options: dict[str, Any] = {
-            "window": request.window,
-            "air": air,
-            "attached": attached_forces(mesh, initial, air),
-        }
+        options = request.of_run(instants, air=air, attached=attached_forces(mesh, initial, air))
         pair = zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)
-        return {name: run(*arguments, **options) for name, run in pair}
+        return {name: run(mesh, initial, title, **options) for name, run in pair}
 
     first_runs = runs(element_count(elements, p))
     explicit = first_runs[SCHEMES[0]]

@@ -13,11 +13,10 @@ from cablepod.chain import _kernels_layout as layout
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._step_limit import damped_growth
 from cablepod.errors import RunStopped
+from cablepod.integrate._chain_run import ChainRun, Trajectory
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._peaks import peak_times
-from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.parameters._time_functions import BatchedTimeFunction
 
 if TYPE_CHECKING:
@@ -32,21 +31,31 @@ class ExplicitChainRun(ChainRun):
         """Name of the scheme."""
         return "velocity_verlet"
 
+    @property
+    def unforced_step(self) -> float:
+        """Step of the first run without regard to motions, loads and wind [s]."""
+        chain = self.chain
+        if not chain.green:
+            return 0.9 * self.step_limit
+        # with a margin for waves beyond the stretch that the ends enforce in the run
+        enforced = np.maximum(chain.tangent_stiffness_ratio(self.initial), chain.largest_enforced_ratio(self.end_time))
+        return min(0.8 * chain.step_limit(enforced), 0.9 * self.step_limit)
+
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Run with a number of steps per second."""
         stepper = ExplicitStepper([self.begin(steps_per_second)])
         low, high = (stepper.states[0, row, : self.chain.links] for row in (layout.LOW, layout.HIGH))
-        watch = (
-            self.watch_of(steps_per_second, stepper.total, low, high) if "tension_extremes" in self.outputs else None
-        )
-        failed = advance_in_blocks(
-            lambda start, steps: bool(stepper.advance(start, steps)[0]), (stepper.states,), stepper.total, self.progress,
-            watch,
-        )  # fmt: skip
+        watch = self.watch(steps_per_second, stepper.total, (low, high) if "tension_extremes" in self.outputs else None)
+
+        def advance(start: int, steps: int) -> bool:
+            return bool(stepper.advance(start, steps)[0])
+
+        failed = advance_in_blocks(advance, (stepper.states,), stepper.total, self.progress, watch)
         if failed is not None:
             half_velocities = None if stepper.half_velocities is None else stepper.half_velocities[0]
             self._stop(stepper.instants, stepper.saved[0], half_velocities, failed, steps_per_second)
-        return replace(self.finish(stepper, 0), peak_times=peak_times(watch, steps_per_second))
+        times = None if watch is None else watch.finish(advance, (stepper.states,), steps_per_second)
+        return replace(self.finish(stepper, 0), peak_times=times)
 
     def begin(self, steps_per_second: float) -> PreparedRun:
         """Prepare a run with a number of steps per second."""
@@ -164,8 +173,8 @@ class ExplicitChainRun(ChainRun):
                     f"{step:.6g} s (velocity Verlet, law {chain.law}); try a shorter step"
                 )
                 if incomplete is None:
-                    raise RunStopped(why, self.dataset(state.only(self.times)))
-                self.stop(state, incomplete / steps_per_second, why)
+                    raise RunStopped(why, self.dataset(self.at_output_times(state)))
+                self.stop(self.dataset(state), incomplete / steps_per_second, why)
 
     def _stop(
         self,
@@ -189,7 +198,7 @@ class ExplicitChainRun(ChainRun):
             f"{1 / steps_per_second:.4g} s, step number {done}, stability limit {self.step_limit:.4g} s); try scheme "
             "energy_momentum, a step half as long, gentler loads or motion, or damping"
         )
-        self.stop(partial, time, why)
+        self.stop(None if partial is None else self.dataset(partial), time, why)
 
 
 @dataclass(frozen=True)
@@ -252,7 +261,7 @@ class ExplicitStepper:
         self._wind: tuple[Any, ...] = None, None, None, 0.0, 1
         if run.air is not None:  # such runs are alone
             tension = float(chain.tensions_and_forces(run.initial)[0].max())
-            hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second, float(run.times[-1]))
+            hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second, run.end_time)
             of_bodies = cast("ChainAir", run.air).bodies
             bodies = None if of_bodies is None else of_bodies[None]
             self._wind = run.air.velocity[None], np.array([run.air.drag]), bodies, run.air.samples_per_second, hold

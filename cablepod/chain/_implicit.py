@@ -15,11 +15,13 @@ from cablepod.chain._lanes import ImplicitLanes, Kernel, groups_of_lanes
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._modal_damping import NodalDamping
+from cablepod.integrate._chain_run import Trajectory
+from cablepod.integrate._comparison import ComparableRuns
 from cablepod.integrate._march import cut_step, not_converged
 from cablepod.integrate._newton_run import NewtonRun
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import Trajectory
+from cablepod.integrate._scheme import first_implicit_step
 from cablepod.integrate._space_error import COMPANION_NEWTON
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
@@ -44,6 +46,16 @@ class ImplicitChainRun(NewtonRun):
     def scheme(self) -> str:
         """Name of the scheme."""
         return self.method
+
+    @property
+    def unforced_step(self) -> float:
+        """Step of the first run without regard to motions, loads and wind [s]."""
+        tension = self.chain.tensions_and_forces(self.initial)[0]
+        return first_implicit_step(self.chain, tension, self.end_time, self.step_limit)
+
+    def comparable_runs(self) -> ComparableRuns:
+        """Describe runs with any step for the step control."""
+        return replace(super().comparable_runs(), resolved=1.0 / self.step_limit)
 
     def as_companion(self) -> Self:
         """Return this run with the larger Newton tolerance of a companion."""

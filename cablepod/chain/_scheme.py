@@ -22,10 +22,10 @@ from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
 from cablepod.discretisation._modal_damping import check_count, implicit_scheme
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, user_stacklevel
+from cablepod.integrate._chain_run import ChainRun
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
-from cablepod.integrate._run import ChainRun
-from cablepod.integrate._scheme import SchemeChoice, Solution, first_implicit_step
+from cablepod.integrate._scheme import SchemeChoice, Solution
 from cablepod.integrate._space_error import (
     FEWER_IMPLICIT_STEPS,
     FEWER_STEPS,
@@ -35,12 +35,16 @@ from cablepod.integrate._space_error import (
     distance_of,
     extrapolated,
 )
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, GivenStep, Refinement, Search, complete
+from cablepod.integrate._step_control import GivenStep, Refinement, Search, complete
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import air_of
 
 SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
+#: Cost of an implicit step, with its Newton iterations, in explicit steps.
+IMPLICIT_COST = 25.0
+#: Run time of an explicit step for each link [s].
+LINK_STEP = 2e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,15 +99,13 @@ def prepare(
     air = None if cable_air is None else ChainAir(chain, cable_air)
     initial = start(chain, air)
     attached = attached_forces(chain, initial, air)
-    arguments = (chain, instants, initial, request.outputs, progress, title)
-    explicit = ExplicitChainRun(*arguments, window=request.window, air=air, attached=attached)
+    options = request.of_run(instants, progress=progress, air=air, attached=attached)
+    explicit = ExplicitChainRun(chain, initial, title, **options)
     limit = explicit.step_limit
     run: ChainRun = explicit
     scheme = implicit_scheme(p, request.scheme, implicit.SCHEMES)
     if scheme not in (None, explicit.scheme):
-        run = ImplicitChainRun(
-            *arguments, method=scheme, spectral_radius=request.radius, window=request.window, air=air, attached=attached
-        )
+        run = ImplicitChainRun(chain, initial, title, scheme, request.radius, **options)
     explicit_limit = limit if run is explicit else None
     others = "; implicit schemes have none"
     steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, explicit.limit_text + others)
@@ -167,15 +169,19 @@ def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
     if steps_per_second is not None:
         return GivenStep(run, steps_per_second)
     if request.scheme is not None or run is not explicit:
-        runs = run.comparable(_first_step(run, limit))
-        resolved = 1.0 / limit if isinstance(run, ImplicitChainRun) else 0.0
-        return Refinement(replace(runs, resolved=resolved), request.tolerance)
-    trapezoidal = ImplicitChainRun(
-        explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title,
-        window=explicit.window, air=explicit.air,
-    )  # fmt: skip
-    asked = request.given_tolerance is not None
-    return _scheme_choice(explicit, trapezoidal, limit, request.tolerance, asked=asked)
+        return Refinement(run.comparable_runs(), request.tolerance)
+    options = request.of_run(explicit.times, progress=explicit.progress, air=explicit.air)
+    trapezoidal = ImplicitChainRun(explicit.chain, explicit.initial, explicit.title, **options)
+    steps_per_second = 1.0 / explicit.resolving(explicit.unforced_step)
+    seconds = 3.0 * explicit.end_time * steps_per_second * explicit.chain.links * LINK_STEP
+    return SchemeChoice(
+        explicit.comparable_runs(),
+        trapezoidal.comparable_runs(),
+        request.tolerance,
+        step_limit=limit,
+        explicit_seconds=None if request.given_tolerance is not None else seconds,
+        max_steps_per_second=2.0 * steps_per_second / IMPLICIT_COST,
+    )
 
 
 def solution_of(search: Search) -> Solution:
@@ -199,43 +205,3 @@ def _check_radius(radius: float | None, scheme: str | None) -> float:
     if scheme != "generalized_alpha":
         raise scene_error("spectral_radius", radius, 'none, but for scheme "generalized_alpha"')
     return number(least=0.0, most=1.0)("spectral_radius", radius)
-
-
-#: Cost of an implicit step, with its Newton iterations, in explicit steps.
-IMPLICIT_COST = 25.0
-#: Run time of an explicit step for each link [s].
-LINK_STEP = 2e-9
-
-
-def _scheme_choice(
-    explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, tolerance: float, *, asked: bool
-) -> SchemeChoice:
-    """Search scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
-    steps_per_second = 1.0 / _first_step(explicit, limit)
-    seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
-    return SchemeChoice(
-        explicit.comparable(_first_step(explicit, limit)),
-        trapezoidal.comparable(_first_step(trapezoidal, limit)),
-        tolerance,
-        step_limit=limit,
-        explicit_seconds=None if asked else seconds,
-        max_steps_per_second=2.0 * steps_per_second / IMPLICIT_COST,
-    )
-
-
-def _first_step(run: ChainRun, limit: float) -> float:
-    """Return the step of the first run [s]."""
-    of_wind = math.inf if run.air is None else 0.5 * run.air.interval
-    return min(_unforced_step(run, limit), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
-
-
-def _unforced_step(run: ChainRun, limit: float) -> float:
-    """Return the step of the first run without regard to motions and loads [s]."""
-    chain, initial, end_time = run.chain, run.initial, float(run.times[-1])
-    if isinstance(run, ImplicitChainRun):
-        return first_implicit_step(chain, chain.tensions_and_forces(initial)[0], end_time, limit)
-    if not chain.green:
-        return 0.9 * limit
-    # with a margin for waves beyond the stretch that the ends enforce in the run
-    enforced = np.maximum(chain.tangent_stiffness_ratio(initial), chain.largest_enforced_ratio(end_time))
-    return min(0.8 * chain.step_limit(enforced), 0.9 * limit)

@@ -20,19 +20,18 @@ from cablepod.condensed._output import shared_attributes
 from cablepod.condensed._runs import (
     FIT_INTERVALS,
     FOURTH_ORDER_AT_FIRST,
-    FOURTH_ORDER_PHASE,
-    FOURTH_ORDER_THRESHOLD,
-    MAX_TOLERANCE,
-    MIN_TOLERANCE,
     STABLE_PHASE,
-    TIME_ERROR_SHARE,
     CondensedRequest,
+    fourth_order_step,
+    suits_fourth_order,
+    taut_limit,
+    time_tolerance,
     whole_steps_per_second,
 )
 from cablepod.condensed._stepper import FOURTH_ORDER
 from cablepod.condensed._waves import INTEGRATED_RATIO
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
-from cablepod.integrate._refinement import FIRST_MARGIN, MAX_WORK
+from cablepod.integrate._refinement import MAX_WORK, economical_error
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.integrate._window import window_attributes
 from cablepod.parameters._from_scene import Members
@@ -134,9 +133,8 @@ class FittedBatch(MemberCoefficients):
         suited = self.active & np.isfinite(omega_squared) & (omega_squared > 0.0)
         suited &= self.forcing_ratio <= INTEGRATED_RATIO  # waves by the start alone
         if self.plan.chooses_scheme:
-            taut = np.maximum(np.abs(chord_tension) * kappa, 1e-300)
-            suited &= (limit >= FOURTH_ORDER_THRESHOLD * 2.0 / np.sqrt(taut)) & (0.25 * p.damping**2 <= at_start)
-        free = FOURTH_ORDER_PHASE / np.sqrt(omega_squared + 0.25 * p.damping**2)
+            suited &= suits_fourth_order(limit, taut_limit(chord_tension, kappa), p.damping, at_start)
+        free = fourth_order_step(omega_squared, p.damping)
         time_scales = np.broadcast_to(p.shortest_time_scale, free.shape)
         first = np.minimum(free, time_scales / STEPS_PER_CHANGE)
         largest = MAX_WORK / (end_time * self.plan.unit.chain.links)
@@ -178,8 +176,8 @@ class FittedBatch(MemberCoefficients):
         error = errors_of(runs, scale)
         gap = q - q_first
         distance = np.sqrt((gap * gap).sum(axis=2).max(axis=1) / mass) / scale
-        time_error = distance / (2.0**FOURTH_ORDER_AT_FIRST - 1.0) * FIRST_MARGIN
-        tolerance = np.clip(TIME_ERROR_SHARE * error, MIN_TOLERANCE, MAX_TOLERANCE)
+        time_error = economical_error(distance, 2.0, FOURTH_ORDER_AT_FIRST)
+        tolerance = time_tolerance(error)
         if q.shape[1] > self.plan.times.size:  # also compared between the output times
             q = q[:, np.isin(fine.times, self.plan.times)]
         completed = stable & second.completed & (time_error <= tolerance)

@@ -69,7 +69,7 @@ def run(
         check_step(step, 2.0 / omega, f"2 over the highest angular frequency of this run, {omega:.6g} rad/s")
     if air is not None:
         check_step(step, air.step_limit, OF_DRAG)
-    state = CondensedRun(model, times, start, (), None, None, SCHEMES[0], air=air)(1.0 / step)
+    state = CondensedRun(model, start, SCHEMES[0], air=air, times=times, outputs=())(1.0 / step)
     _warn(model, state, step)
     q, ends = state.q, p.end_positions(times)
     amplitudes = [

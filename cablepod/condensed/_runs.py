@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
@@ -18,16 +18,16 @@ from cablepod.condensed._kernels_layout import UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._stepper import FOURTH_ORDER, BoundaryDataOfTwo, CondensedStepper
 from cablepod.condensed._stops import stop_diverged, stop_open, stop_unstable
+from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
-from cablepod.integrate._comparison import SECOND_ORDER, ComparableRuns, motion_scale
+from cablepod.integrate._comparison import SECOND_ORDER, motion_scale
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output_times import judged_instants, preferred_steps_per_second
+from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._particle_air import OF_DRAG
-from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._request import Request, check_resolved, check_step
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, fit_step, refine_step
-from cablepod.integrate._window import ExtremesWindow
+from cablepod.integrate._run import Run
+from cablepod.integrate._step_control import fit_step, refine_step
 from cablepod.wind._air import air_of
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
@@ -111,9 +111,7 @@ def solve(
     if step is None or estimates:
         omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
     sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
-    run = CondensedRun(
-        model, times, start, request.outputs, request.links, progress, scheme, sampled, request.window, air
-    )
+    run = CondensedRun(model, start, scheme, request.links, sampled, air, **request.of_run(times, progress=progress))
     if step is not None:
         if run.stable_phase < math.inf:
             longest = 0.5 * run.stable_phase * limit
@@ -127,30 +125,17 @@ def solve(
         return CondensedResult(
             run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan
         )
-    of_wind = math.inf if air is None else min(0.5 * air.air.interval, STEP_OVER_DRAG_LIMIT * air.step_limit)
-    first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
-    steps_per_second = (whole_steps_per_second if fits else preferred_steps_per_second)(1.0 / first_step)
-    if (judged := judged_instants(times, steps_per_second)) is not None:
-        run = replace(run, judged=judged)
+    first_step = _unforced_step(run, omega_squared)
     if fits:
-        return _fitted(run, steps_per_second, limit)
-    chord = float(np.linalg.norm(p.upper - p.lower))
-    initial = positions(model, start.q[None], np.zeros(1))[0]
-
-    def position(state: CondensedTrajectory) -> np.ndarray:
-        return positions(model, state.q, state.instants.times)
-
-    def motion(state: CondensedTrajectory) -> float:
-        return motion_scale(position(state), initial, chord)
-
-    # where the third derivative of a motion or load jumps, the scheme of fourth order is of second order
-    has_kinks = any(function.has_kinks for function in p.time_functions().values())
-    runs = ComparableRuns(
-        run, position, motion, steps_per_second, end_time, model.chain.links,
-        order=SECOND_ORDER if has_kinks else run.order, resolved=1.0 / limit if scheme == "trapezoidal" else 0.0,
-        finish=lambda state: state.only(times),
-    )  # fmt: skip
+        return _fitted(run, first_step, limit)
     tolerance = request.tolerance if request.given_tolerance is not None else DEFAULT_TOLERANCE
+    # where the third derivative of a motion or load jumps, the scheme of fourth order is of second order
+    jumps = any(function.has_kinks for function in p.time_functions().values())
+    runs = run.comparable(
+        first_step,
+        order=SECOND_ORDER if jumps else run.order,
+        resolved=1.0 / limit if scheme == "trapezoidal" else 0.0,
+    )
     state, steps_per_second, time_error = refine_step(runs, tolerance)
     error = run.model_error(state) if estimates else np.nan
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
@@ -191,24 +176,56 @@ def _scheme_of(
     if has_rates:
         return SCHEMES[0]
     _, chord_tension, omega_squared = model.initial_forces
-    taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
-    resolves_damping = 0.25 * model.chain.p.damping**2 <= omega_squared  # Numerov's step would have to
-    is_fine = limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut)
-    if fits and model.order == "leading" and is_fine and resolves_damping and not (has_ratios or has_dampers):
+    of_tension = taut_limit(chord_tension, model.slope_norms_squared.max())
+    may_be_fourth = fits and model.order == "leading" and not (has_ratios or has_dampers)
+    if may_be_fourth and suits_fourth_order(limit, of_tension, model.chain.p.damping, omega_squared):
         return FOURTH_ORDER
-    explicit = limit >= IMPLICIT_THRESHOLD * 2.0 / math.sqrt(taut)
+    explicit = limit >= IMPLICIT_THRESHOLD * of_tension
     return SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
 
 
-def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> CondensedResult:
+def taut_limit(chord_tension: Any, kappa: Any) -> Any:
+    """Return the stability limit of explicit steps by the tension alone [s], without that of the sag; numbers or members.
+
+    `kappa` is the largest squared slope norm.
+    """
+    return 2.0 / np.sqrt(np.maximum(np.abs(chord_tension) * kappa, 1e-300))
+
+
+def suits_fourth_order(limit: Any, of_tension: Any, damping: Any, omega_squared: Any) -> Any:
+    """Tell where the scheme of fourth order is the default; numbers or members.
+
+    Parameters
+    ----------
+    limit, of_tension
+        Stability limit of explicit steps [s], and that by the tension alone.
+    damping, omega_squared
+        Damping per mass [1/s] and the highest squared frequency [1/s^2] at the start: the steps have to resolve the damping.
+    """
+    return (limit >= FOURTH_ORDER_THRESHOLD * of_tension) & (0.25 * damping**2 <= omega_squared)
+
+
+def fourth_order_step(omega_squared: Any, damping: Any) -> Any:
+    """Return the first step of the scheme of fourth order [s] by free vibrations, damped by mass [1/s]; numbers or members."""
+    return FOURTH_ORDER_PHASE / np.sqrt(omega_squared + 0.25 * damping**2)
+
+
+def time_tolerance(error: Any) -> Any:
+    """Return the tolerance of the time error for the estimated error of the model; numbers or members."""
+    return np.clip(TIME_ERROR_SHARE * error, MIN_TOLERANCE, MAX_TOLERANCE)
+
+
+def _fitted(run: CondensedRun, first_step: float, limit: float) -> CondensedResult:
     """Run with a step whose error is a tenth of that expected of the model, which the second run tells.
 
     Both errors are rms values over the length; that of the step counts the deflection only.  The first run is too coarse for an
     estimate, and a third one only changes its time error.
     """
-    model, end_time, scale = run.model, float(run.times[-1]), 1.0
+    model, end_time, scale = run.model, run.end_time, 1.0
     error, tolerance, root_mass = 0.0, math.inf, model.root_total_mass
-    run = replace(run, boundary_data=BoundaryDataOfTwo(model, steps_per_second))
+    orders = {"order": run.order, "first_order": FOURTH_ORDER_AT_FIRST}
+    runs = run.comparable(first_step, whole_steps_per_second, **orders)
+    run = replace(cast(CondensedRun, runs.run), boundary_data=BoundaryDataOfTwo(model, runs.steps_per_second))
     runs_done = 0
 
     def integrate(steps_per_second: float) -> CondensedTrajectory:
@@ -222,13 +239,10 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
         if end_time > 0.0:
             scale = motion_of(model, state)
             error = estimate(model, state, scale, run.air)
-        tolerance = min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
+        tolerance = float(time_tolerance(error))
         return tolerance
 
-    runs = ComparableRuns(
-        integrate, lambda state: state.q[:, None] / root_mass, lambda _: scale, steps_per_second, end_time, model.chain.links,
-        order=run.order, first_order=FOURTH_ORDER_AT_FIRST, finish=lambda state: state.only(run.times),
-    )  # fmt: skip
+    runs = replace(runs, run=integrate, position=lambda state: state.q[:, None] / root_mass, scale=lambda _: scale)
     state, steps_per_second, time_error = fit_step(runs, tolerance_of)
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
 
@@ -243,13 +257,11 @@ def whole_steps_per_second(steps_per_second: float) -> float:
 
 def _unforced_step(run: CondensedRun, omega_squared: float) -> float:
     """Return the first step of a refinement [s] by free vibrations, for a bound of their squared frequency [1/s^2]."""
-    end_time, kappa = float(run.times[-1]), run.model.slope_norms_squared
+    end_time, kappa = run.end_time, run.model.slope_norms_squared
     if run.stable_phase < math.inf:
-        phase = PHASE_PER_STEP
         if run.scheme == FOURTH_ORDER:
-            phase = FOURTH_ORDER_PHASE
-            omega_squared += 0.25 * run.model.chain.p.damping**2
-        return phase / math.sqrt(omega_squared)
+            return float(fourth_order_step(omega_squared, run.model.chain.p.damping))
+        return PHASE_PER_STEP / math.sqrt(omega_squared)
     chord_tension = max(run.model.omega_taut_squared(end_time), 1e-300) / kappa.max()
     omega_min = math.sqrt(max(chord_tension, 1e-9 * run.model.chain.p.stiffness) * kappa.min())
     return min(max(end_time, 1e-300) / MIN_STEPS, PHASE_PER_STEP / omega_min)
@@ -265,25 +277,37 @@ class InitialState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CondensedRun:
+class CondensedRun(Run):
     """One scene on one set of modes; a call with steps per second integrates it."""
 
     model: CondensedModel
-    times: np.ndarray  #: instants of the output [s]
     start: InitialState
-    outputs: tuple[str, ...]
-    links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
-    progress: Callable[[float], None] | None
     scheme: str
+    links: np.ndarray | None = None  #: indices, from 0, of the links whose tensions are computed; None for all
     #: Bound of the squared frequencies that samples for the error estimate resolve [1/s^2]; 0 for none
     sampled_omega_squared: float = 0.0
-    #: Part of the run over which extremes and means are taken [s]; None for all
-    window: tuple[float, float] | None = None
-    #: Air along the cable; None for still air
-    air: CondensedAir | None = None
-    #: Further instants at which runs are compared [s]; None without
-    judged: np.ndarray | None = None
+    air: CondensedAir | None = None  #: along the cable; None for still air
     boundary_data: BoundaryDataOfTwo | None = None  #: of this run and another one; None for those of the model
+
+    @property
+    def cells(self) -> LumpedChain:
+        """Discretisation of the cable in space."""
+        return self.model.chain
+
+    @property
+    def step_of_air(self) -> float:
+        """Longest step that resolves the wind [s]."""
+        air = self.air
+        return math.inf if air is None else min(0.5 * air.air.interval, STEP_OVER_DRAG_LIMIT * air.step_limit)
+
+    def compared(self, state: CondensedTrajectory) -> np.ndarray:
+        """Return the positions of a trajectory that are compared (times, n + 1, dims) [m]."""
+        return positions(self.model, state.q, state.instants.times)
+
+    def motion(self, state: CondensedTrajectory) -> float:
+        """Return the largest rms displacement of a trajectory, or the chord if nothing moves [m]."""
+        initial = positions(self.model, self.start.q[None], np.zeros(1))[0]
+        return motion_scale(self.compared(state), initial, self.model.chain.chord)
 
     @property
     def explicit(self) -> bool:
@@ -320,20 +344,19 @@ class CondensedRun:
         """
         stepper = CondensedStepper(self, steps_per_second, samples=samples)
         total = max(stepper.total, 1) if self.explicit else stepper.total
-        watch, low, high = None, stepper.low, stepper.high
-        if low.size:
-            window, with_end = None, not self.explicit
-            if self.window is not None:
-                window = ExtremesWindow(self.window, steps_per_second, low, high, with_end=with_end)
-            peaks = None
-            if "tension_peaks" in self.outputs:
-                chosen = None if self.leading else self.links  # to leading order the arrays hold the chosen links only
-                peaks = PeakSearch(low, high, total, with_end=with_end, chosen=chosen)
-            watch = Watch(window, peaks)
+        # to leading order the arrays hold the chosen links only
+        extremes, chosen = (
+            (stepper.low, stepper.high) if stepper.low.size else None,
+            None if self.leading else self.links,
+        )
+        watch = self.watch(steps_per_second, total, extremes, with_end=not self.explicit, chosen=chosen)
         failed_step = advance_in_blocks(stepper.advance, stepper.changed, total, self.progress, watch)
+        times = None
+        if watch is not None and failed_step is None:
+            times = watch.finish(stepper.advance, stepper.changed, steps_per_second)
         if stepper.total == 0:  # an implicit run of no length has only its start
             stepper.advance(0, 0)
-        state = stepper.trajectory(peak_times(watch, steps_per_second))
+        state = stepper.trajectory(times)
         if state.monitor[UNSTABLE_STEP] < np.inf:  # tested first, because it is the cause of a divergence
             stop_unstable(self, state, int(state.monitor[UNSTABLE_STEP]))
         if failed_step is not None:
@@ -346,7 +369,7 @@ class CondensedRun:
         """Return the number of steps between the samples for the error estimate; 0 without."""
         if not self.sampled_omega_squared:
             return 0
-        end_time, modes = float(self.times[-1]), self.model.n_in_plane
+        end_time, modes = self.end_time, self.model.n_in_plane
         time_scale = self.model.chain.p.shortest_time_scale
         interval = sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time, time_scale=time_scale)
         if self.air is not None:  # samples as close as those of the gusts, unless these are too many

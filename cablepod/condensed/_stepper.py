@@ -19,8 +19,6 @@ from cablepod.condensed._kernels_layout import (
 )
 from cablepod.discretisation._step_limit import damped_growth
 from cablepod.integrate._march import BLOCK
-from cablepod.integrate._means import with_steps_of_means
-from cablepod.integrate._output_times import OutputTimes, with_judged
 
 if TYPE_CHECKING:
     from cablepod.condensed._model import CondensedModel
@@ -77,13 +75,11 @@ class CondensedStepper:
     def __init__(self, run: CondensedRun, steps_per_second: float, *, samples: bool = True) -> None:
         model, self.run = run.model, run
         self.steps_per_second, self.step = steps_per_second, 1.0 / steps_per_second
-        self.instants = OutputTimes.of(with_judged(run.times, run.judged), steps_per_second)
+        self.instants = run.instants(steps_per_second)
         #: Steps to take; an explicit run takes one more, for the rates half a step after the last instant.
         self.total = int(self.instants.steps[-1]) + (1 if run.explicit else 0)
         self.sample_interval = run.sample_interval(steps_per_second) if samples else 0
-        if self.sample_interval:
-            self.instants = self.instants.with_multiples(self.sample_interval)
-        self.instants = with_steps_of_means(self.instants, run.outputs, run.window)
+        self.instants = run.saving(self.instants, self.sample_interval)
         count, r = self.instants.steps.size, len(model.shapes)
         self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
         #: Boundary data of the saved steps (steps, columns).

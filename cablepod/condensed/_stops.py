@@ -10,7 +10,6 @@ import numpy as np
 from cablepod.condensed._fields import CondensedTrajectory, close_outputs
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
 from cablepod.condensed._output import attributes, dataset
-from cablepod.integrate._output import stop
 
 if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRun
@@ -60,4 +59,4 @@ def _stop(run: CondensedRun, state: CondensedTrajectory, time: float, why: str) 
         if not run.leading and (earlier := close_outputs(run.model, part)) is not None:
             stop_open(run, state, earlier)
         partial = dataset(run.model, part, attributes(run.model, part, None), ("position",), "stopped")
-    stop(partial, time, float(state.instants.times[-1]), why)
+    run.stop(partial, time, why)

@@ -165,6 +165,19 @@ class LumpedChain:
         """Unstretched arc length of the particles of a result (particle,) [m]."""
         return self.arc_length
 
+    @property
+    def chord(self) -> float:
+        """Distance of the ends at rest [m]."""
+        return float(np.linalg.norm(self.p.upper - self.p.lower))
+
+    def interpolate(self, values: Any) -> np.ndarray:
+        """Return values (..., n + 1, dims) at the particles of the result."""
+        return values
+
+    def at_compared(self, position: np.ndarray) -> np.ndarray:
+        """Return positions (..., n + 1, dims) at the points at which two runs are compared [m]."""
+        return position
+
     @cached_property
     def statics(self) -> np.ndarray:
         """Elastic catenary of this length at rest, see :func:`cablepod.catenary._statics.solve_statics`."""

@@ -21,6 +21,9 @@ FITTED_PHASE = 1.0
 #: Squared frequency times squared step to which stiffer vibrations are slowed; 4 is the stability limit, and the rest is
 #: left for the change of the stiffness during the run.
 SLOWED = 3.0
+#: First step of the filtered scheme times the lowest angular frequency about the mean state, for one mode of each coordinate
+#: (inverse to the root of their number: more modes are resolved less well, and stiffen more often beyond a longer step).
+FIRST_PHASE = 0.5
 #: Number of filters that are kept between calls.
 KEPT_FILTERS = 64
 
@@ -65,7 +68,15 @@ class ExplicitGalerkinRun(GalerkinRun):
         """Filter for a step [s]; None for plain velocity Verlet."""
         if self.scheme != "filtered_verlet":
             return None
-        return _filter_of(self.model, float(self.times[-1]), step)
+        return _filter_of(self.model, self.end_time, step)
+
+    def unforced_step(self, limit: float) -> float:
+        """Return the step of the first run without regard to motions and loads, for a stability limit of explicit steps [s]."""
+        if self.scheme != "filtered_verlet":
+            return 0.8 * limit
+        squared = self.model.mean_vibrations(self.end_time)[0]
+        lowest = math.sqrt(squared[squared > 0.0].min(initial=4.0 / limit**2))
+        return max(FIRST_PHASE / (lowest * math.sqrt(self.model.modes_per_coordinate)), 0.8 * limit)
 
     @property
     def use_polynomial_form(self) -> bool:
@@ -134,6 +145,6 @@ class ExplicitGalerkinRun(GalerkinRun):
             raise RunStopped(
                 f"the reduced model stiffened: at {times[first]:.6g} s its stability limit is {2 / highest[first]:.6g} s, below "
                 f"the step {1 / steps_per_second:.6g} s ({self.scheme}); try a shorter step, or scheme trapezoidal",
-                self.dataset(trajectory.at_output_times()),
+                self.dataset(self.at_output_times(trajectory)),
             )
         return trajectory

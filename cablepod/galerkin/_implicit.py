@@ -13,6 +13,7 @@ from cablepod.chain._implicit import MAX_ROTATION, MIN_ROTATION, TENSION_RTOL
 from cablepod.galerkin._record import RunRecord
 from cablepod.galerkin._runs import MIN_ROW_RATIO, GalerkinRun
 from cablepod.integrate._march import cut_step, not_converged
+from cablepod.integrate._scheme import first_implicit_step
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,11 @@ class ImplicitGalerkinRun(GalerkinRun):
         return not_converged()
 
     alternative = "scheme velocity_verlet"
+
+    def unforced_step(self, limit: float) -> float:
+        """Return the step of the first run without regard to motions and loads, for a stability limit of explicit steps [s]."""
+        tension = self.model.tension(self.model.positions(self.q0[None], np.zeros(1))[0])
+        return first_implicit_step(self.model.chain, tension, self.end_time, limit)
 
     @property
     def use_polynomial_form(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._comparison import motion_scale
-from cablepod.integrate._means import Means, means, with_steps_of_means
+from cablepod.integrate._means import Means, means
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within
@@ -66,9 +66,9 @@ class GalerkinTrajectory:
     @cached_property
     def motion(self) -> float:
         """Largest rms displacement from the start [m]; the chord if nothing moves."""
-        p, vectors = self.model.chain.p, self.rms_displacements[:, None]
+        vectors = self.rms_displacements[:, None]
         start = np.concatenate([self.record.run.q0, self.record.run.start_displacements]) @ self.model.rms_root
-        return motion_scale(vectors, start, float(np.linalg.norm(p.upper - p.lower)))
+        return motion_scale(vectors, start, self.model.chain.chord)
 
     @property
     def extremes(self) -> Extremes:
@@ -94,12 +94,11 @@ class GalerkinTrajectory:
         _, v, _, energy = self._saved
         return _energy_defect(v, energy, float(self.record.run.initial_energy))
 
-    def at_output_times(self) -> GalerkinTrajectory:
-        """Return the trajectory at the output times, without the instants at which runs are compared."""
-        run = self.record.run
-        if run.judged is None:
+    def only(self, times: np.ndarray) -> GalerkinTrajectory:
+        """Return the trajectory at some of its instants [s]."""
+        if times.size == self.instants.times.size:
             return self
-        return replace(self, instants=OutputTimes.of(run.times, self.instants.steps_per_second))
+        return replace(self, instants=OutputTimes.of(times, self.instants.steps_per_second))
 
     @cached_property
     def samples(self) -> Samples | None:
@@ -133,9 +132,9 @@ class Samples:
     @property
     def motion(self) -> float:
         """Largest rms displacement from the start at up to about MOTION_SAMPLES samples [m]; the chord if nothing moves."""
-        p, chosen = self.model.chain.p, self.states[0, :: -(-self.count // MOTION_SAMPLES)]
+        chosen = self.states[0, :: -(-self.count // MOTION_SAMPLES)]
         vectors = chosen @ self.model.rms_root_of_projections
-        return motion_scale(vectors[:, None], vectors[0], float(np.linalg.norm(p.upper - p.lower)))
+        return motion_scale(vectors[:, None], vectors[0], self.model.chain.chord)
 
 
 class RunRecord:
@@ -144,8 +143,7 @@ class RunRecord:
     def __init__(self, run: GalerkinRun, instants: OutputTimes, interval: int) -> None:
         self.run, self.instants, self.interval = run, instants, interval
         #: Numbers of the saved steps: those of the output, and multiples of the interval of the samples
-        sampled = instants.with_multiples(self.interval) if self.interval else instants
-        self.with_means = with_steps_of_means(sampled, run.outputs, run.window)
+        self.with_means = run.saving(instants, self.interval)
         self.steps = self.with_means.steps
         modes, count = run.q0.size, self.steps.size
         self.saved = np.zeros((count, 3, modes))  # projection z = q + C^T d, first and second time derivatives

@@ -12,8 +12,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
+from cablepod.discretisation._chain import LumpedChain
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
+from cablepod.integrate._comparison import ComparableRuns
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._means import wants_means
 from cablepod.integrate._output import (
@@ -21,11 +23,11 @@ from cablepod.integrate._output import (
     mean_variables,
     middles_of,
     peak_variables,
-    stop,
     trajectory_attributes,
     trajectory_variables,
 )
-from cablepod.integrate._output_times import OutputTimes, with_judged
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._run import Run
 from cablepod.integrate._window import window_attributes
 
 #: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
@@ -40,32 +42,29 @@ def _no_samples(steps_per_second: float) -> int:
 
 
 @dataclass(frozen=True)
-class GalerkinRun:
+class GalerkinRun(Run):
     """Galerkin model of a scene with one scheme, callable with the number of steps per second."""
 
     model: GalerkinModel
-    times: np.ndarray
-    q0: np.ndarray
-    outputs: tuple[str, ...]
-    progress: Callable[[float], None] | None
+    q0: np.ndarray  #: mass-orthonormal amplitudes at the start (modes,) [kg^1/2 m]
     scene: xr.Dataset
     modes: xr.Dataset
     scheme: str
-    sample_interval: Callable[[float], int] = (
-        _no_samples  #: steps between samples for the error estimate, by steps per second
-    )
+    #: Steps between samples for the error estimate, by steps per second
+    sample_interval: Callable[[float], int] = _no_samples
     sampled: bool = False  #: whether runs have samples
-    #: Part of the run over which extremes and means are taken [s]; None for all
-    window: tuple[float, float] | None = None
-    #: Further instants at which runs are compared [s]; None without
-    judged: np.ndarray | None = None
+
+    @property
+    def cells(self) -> LumpedChain:
+        """Discretisation of the cable in space."""
+        return self.model.chain
 
     def __call__(self, steps_per_second: float, *, sampled: bool | None = None) -> GalerkinTrajectory:
         """Integrate the equations of motion with a given number of steps per second.
 
         `sampled` overrides the attribute; a run with False, which only serves to be compared with a finer one, is not checked.
         """
-        instants = OutputTimes.of(with_judged(self.times, self.judged), steps_per_second)
+        instants = self.instants(steps_per_second)
         interval = self.sample_interval(steps_per_second) if sampled or (sampled is None and self.sampled) else 0
         record = RunRecord(self, instants, interval)
         advance, state, total = self._stepper(record)
@@ -91,6 +90,29 @@ class GalerkinRun:
     def second_derivatives(self, differences: np.ndarray, step: float) -> np.ndarray:
         """Return second time derivatives from the differences that a scheme saves (saves, modes)."""
         return differences
+
+    def compared(self, state: GalerkinTrajectory) -> np.ndarray:
+        """Return positions of one particle, whose distances are rms distances of all (times, 1, coordinates) [m]."""
+        return state.rms_displacements[:, None]
+
+    def motion(self, state: GalerkinTrajectory) -> float:
+        """Return the largest rms displacement, or the chord if nothing moves [m]."""
+        return state.motion
+
+    def has_kinks(self, state: GalerkinTrajectory) -> bool:
+        """Whether links go slack, which are kinks of the linear law only."""
+        model = self.model
+        return model.law == "linear" and bool(
+            (model.chain.stretch(model.positions(state.q, state.instants.times)) < 1.0).any()
+        )
+
+    def unforced_step(self, limit: float) -> float:
+        """Return the step of the first run without regard to motions and loads, for a stability limit of explicit steps [s]."""
+        raise NotImplementedError
+
+    def comparable_runs(self, limit: float) -> ComparableRuns:
+        """Describe runs with any step for the step control."""
+        return self.comparable(self.unforced_step(limit))
 
     @cached_property
     def displacements(self) -> np.ndarray:
@@ -169,10 +191,9 @@ class GalerkinRun:
         if completed is not None:
             record.extremes = None
             partial = self.dataset(GalerkinTrajectory(record, completed, diagnostics))
-        stop(
+        self.stop(
             partial,
             time,
-            float(instants.times[-1]),
             f"{self.failure} at {time:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number {failed_step}); "
             f"try a shorter step, {self.alternative}, more modes, or the chain itself",
         )

@@ -7,17 +7,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._record import GalerkinTrajectory
 from cablepod.galerkin._runs import GalerkinRun
-from cablepod.integrate._comparison import ComparableRuns
-from cablepod.integrate._output_times import judged_instants, preferred_steps_per_second
 from cablepod.integrate._request import REDUCED_TOLERANCE, Request
-from cablepod.integrate._scheme import Halving, SchemeChoice, Solution, first_implicit_step
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, Found, Refinement, complete, fit_step, refine_step
+from cablepod.integrate._scheme import Halving, SchemeChoice, Solution
+from cablepod.integrate._step_control import Found, Refinement, complete, fit_step, refine_step
 
 SCHEMES = ("velocity_verlet", "filtered_verlet", "trapezoidal")
 EXPLICIT = SCHEMES[:2]
@@ -25,9 +21,6 @@ EXPLICIT = SCHEMES[:2]
 TIME_ERROR_SHARE = 0.1
 #: Maximum number of times that the steps are shortened because a finer run expects less of the model.
 MAX_PASSES = 3
-#: First step of the filtered scheme times the lowest angular frequency about the mean state, for one mode of each coordinate
-#: (inverse to the root of their number: more modes are resolved less well, and stiffen more often beyond a longer step).
-FIRST_PHASE = 0.5
 #: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 #: Run time of an explicit step, and its increase for each amplitude [s].
@@ -88,7 +81,7 @@ def _fit_to_model(
     The second run tells the error of the model, as the first may resolve the motion too badly.  The run that meets a tenth of it
     tells it again, and steps are shortened until that holds for its own estimate.
     """
-    compared: Any = _comparable_runs(run, limit)
+    compared: Any = run.comparable_runs(limit)
     done: dict[float, GalerkinTrajectory] = {}
     errors: dict[float, float] = {}
 
@@ -117,19 +110,19 @@ def _fit_to_model(
     if any(math.isnan(error) for error in errors.values()):
         return None
     reason = "explicit: vibrations that the step does not resolve are slowed"
-    rate = fitted.steps_per_second
-    return FittedSolution(Solution(run, *fitted, reason), tolerance(rate), errors[rate])
+    trajectory, rate, time_error = fitted
+    return FittedSolution(Solution(run, trajectory, rate, time_error, reason), tolerance(rate), errors[rate])
 
 
 def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
-    explicit_runs, amplitudes = _comparable_runs(explicit, limit), explicit.q0.size
+    explicit_runs, amplitudes = explicit.comparable_runs(limit), explicit.q0.size
     steps_per_second = explicit_runs.steps_per_second
-    seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
+    seconds = 3.0 * explicit.end_time * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
     search = SchemeChoice(
         explicit_runs,
-        _comparable_runs(implicit, limit),
+        implicit.comparable_runs(limit),
         tolerance,
         step_limit=limit,
         explicit_seconds=None if asked else seconds,
@@ -142,7 +135,7 @@ def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float,
 
 def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> Found:
     """Shorten the step until two runs agree."""
-    runs = _comparable_runs(run, limit)
+    runs = run.comparable_runs(limit)
     if isinstance(run, ImplicitGalerkinRun):
         maximum = TRIAL_RATIO * runs.steps_per_second
         halved: Found | None = complete(Halving(runs, tolerance, maximum))
@@ -150,37 +143,3 @@ def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> Found:
             return halved
         runs = replace(runs, steps_per_second=maximum, resolved=1.0 / limit)
     return refine_step(runs, tolerance)
-
-
-def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
-    """Describe runs with any step for the step control."""
-    model, p = run.model, run.model.chain.p
-
-    def positions(trajectory: GalerkinTrajectory) -> np.ndarray:
-        # of one particle, whose distances are rms distances of all
-        return trajectory.rms_displacements[:, None]
-
-    def motion(trajectory: GalerkinTrajectory) -> float:
-        return trajectory.motion
-
-    def slackened(trajectory: GalerkinTrajectory) -> bool:
-        # only the linear law has a kink at stretch 1
-        if model.law != "linear":
-            return False
-        return bool((model.chain.stretch(model.positions(trajectory.q, trajectory.instants.times)) < 1.0).any())
-
-    step = 0.8 * limit
-    if isinstance(run, ImplicitGalerkinRun):
-        tension = model.tension(model.positions(run.q0[None], np.zeros(1))[0])
-        step = first_implicit_step(model.chain, tension, float(run.times[-1]), limit)
-    elif run.scheme == "filtered_verlet":
-        squared = model.mean_vibrations(float(run.times[-1]))[0]
-        lowest = math.sqrt(squared[squared > 0.0].min(initial=4.0 / limit**2))
-        step = max(FIRST_PHASE / (lowest * math.sqrt(model.modes_per_coordinate)), step)
-    steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
-    if (judged := judged_instants(run.times, steps_per_second)) is not None:
-        run = replace(run, judged=judged)
-    return ComparableRuns(
-        run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened,
-        finish=GalerkinTrajectory.at_output_times,
-    )  # fmt: skip

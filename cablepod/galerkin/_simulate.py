@@ -170,10 +170,9 @@ def simulate(
     limit = 2.0 / math.sqrt(squared) if squared > 0.0 else model.chain.step_limit()
     estimate = estimate_of(model, float(instants[-1]), law_of(modes.attrs) or LAWS[0])
     wanted = "error_estimate" in request.outputs
-    options = (model, instants, model.initial, request.outputs, request.progress, scene, modes)
     runs: dict[str, GalerkinRun] = {
         name: (ExplicitGalerkinRun if name in EXPLICIT else ImplicitGalerkinRun)(
-            *options, name, estimate.sample_interval, wanted, request.window
+            model, model.initial, scene, modes, name, estimate.sample_interval, wanted, **request.of_run(instants)
         )
         for name in SCHEMES
     }

@@ -33,20 +33,6 @@ def tension_distance(fine: np.ndarray, coarse: np.ndarray, rounding: float = 0.0
     return max(math.sqrt(float(((fine - coarse) ** 2).mean(axis=1).max())) - rounding, 0.0) / scale
 
 
-def _without_kinks(run: Any) -> bool:
-    """Default of :attr:`ComparableRuns.has_kinks`."""
-    return False
-
-
-def _unchanged(run: Any) -> Any:
-    """Default of :attr:`ComparableRuns.finish`."""
-    return run
-
-
-def _no_note(run: Any, error: float) -> None:
-    """Default of :attr:`ComparableRuns.note_tension`."""
-
-
 @dataclass(frozen=True)
 class ComparableRuns:
     """Runs of one scene with any step, and how two of them are compared."""
@@ -60,7 +46,7 @@ class ComparableRuns:
     links: int = 0  #: links, or nodes but one: the factor of the cost of a step
     #: Whether the forces of a run have kinks, as where links slacken and snap taut.  Each kink adds an error that depends on its
     #: place in the step, so that at most first order is assumed.
-    has_kinks: Callable[[Any], bool] = _without_kinks
+    has_kinks: Callable[[Any], bool] = lambda run: False
     order: float = SECOND_ORDER  #: of the scheme
     first_order: float = math.inf  #: the order assumed of the first two runs, where their steps are too long to show it
     #: Tensions of a run (rows, link) [N], where they are to converge as the motion does
@@ -68,8 +54,12 @@ class ComparableRuns:
     tension_rounding: float = 0.0  #: rounding error of tensions [N], which does not count
     #: Steps per second from which a run resolves all frequencies, of implicit schemes; with fewer the estimate takes first order
     resolved: float = 0.0
-    finish: Callable[[Any], Any] = _unchanged  #: makes the result of the run taken, without instants of the comparison
-    note_tension: Callable[[Any, float], None] = _no_note  #: takes a run and the estimated error of its tensions
+    finish: Callable[[Any], Any] = lambda run: (
+        run
+    )  #: makes the result of the run taken, without instants of the comparison
+    note_tension: Callable[[Any, float], None] = lambda run, error: (
+        None
+    )  #: takes a run and the estimated error of its tensions
 
     def distances(self, fine: Any, coarse: Any) -> tuple[float, float]:
         """Return the distances of the motions of two runs and of their tensions, the latter 0 where they do not count.

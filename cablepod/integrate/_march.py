@@ -62,8 +62,6 @@ def advance_in_blocks(
             watch.after(done, steps, before)
         if progress is not None:
             progress(done / total)
-    if watch is not None:
-        watch.finish(advance, state)
     return None
 
 

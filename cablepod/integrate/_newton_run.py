@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NoReturn
 
-import numpy as np
-
-from cablepod.integrate._march import BLOCK
+from cablepod.integrate._chain_run import ChainRun, Trajectory
+from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._peaks import Watch, peak_times
-from cablepod.integrate._run import ChainRun, Trajectory
+from cablepod.integrate._peaks import Watch
 
 
 class NewtonRun(ChainRun):
@@ -33,31 +31,22 @@ class NewtonRun(ChainRun):
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Run with a number of steps per second."""
         instants = self.instants(steps_per_second)
-        total = int(instants.steps[-1])
-        stepper = self.new_stepper(instants)
-        watch = None
-        if "tension_extremes" in self.outputs:
-            watch = self.watch_of(steps_per_second, total, *stepper.watched)
-        done = 0
-        while done < total:
-            steps = min(BLOCK, total - done)
-            before: list[np.ndarray] = []
-            if watch is not None:
-                steps = watch.limit(done, steps)
-                before = watch.before(stepper.state)
-            begin = done
-            reached = stepper.advance(done, steps)
-            done += reached
-            self._check_step(stepper, done)
-            if reached < steps:
-                if not stepper.substep(done):
-                    self._stop(stepper, done, stepper.failure())
-                done += 1
+        total, stepper = int(instants.steps[-1]), self.new_stepper(instants)
+        watch = self.watch(steps_per_second, total, stepper.watched if "tension_extremes" in self.outputs else None)
+
+        def advance(start: int, steps: int) -> bool:
+            done, end = start, start + steps
+            while done < end:
+                done += stepper.advance(done, end - done)
                 self._check_step(stepper, done)
-            if watch is not None:
-                watch.after(done, done - begin, before)
-            if self.progress is not None:
-                self.progress(done / total)
+                if done < end:
+                    if not stepper.substep(done):
+                        self._stop(stepper, done, stepper.failure())
+                    done += 1
+                    self._check_step(stepper, done)
+            return True
+
+        advance_in_blocks(advance, stepper.state, total, self.progress, watch)
         return self.end(stepper, instants, watch)
 
     def end(self, stepper: Any, instants: OutputTimes, watch: Watch | None = None) -> Trajectory:
@@ -73,7 +62,7 @@ class NewtonRun(ChainRun):
                 watch.peaks.note_last(int(instants.steps[-1]), extremes)
             extremes = extremes[0].copy(), extremes[1].copy()
             watch.peaks.locate(lambda start, count: _repeat(stepper, start, count), stepper.state)
-            result = replace(result, extremes=extremes, peak_times=peak_times(watch, instants.steps_per_second))
+            result = replace(result, extremes=extremes, peak_times=watch.peak_times(instants.steps_per_second))
         return self.check_energy(result)
 
     def _check_step(self, stepper: Any, done: int) -> None:
@@ -91,7 +80,7 @@ class NewtonRun(ChainRun):
             f"{failure} at {done / steps_per_second:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number "
             f"{done}); try {self.alternatives}"
         )
-        self.stop(partial, done / steps_per_second, why)
+        self.stop(None if partial is None else self.dataset(partial), done / steps_per_second, why)
 
 
 def _repeat(stepper: Any, start: int, count: int) -> None:

@@ -14,6 +14,8 @@ LINK_STEP, CALL = 3e-9, 4e-5
 #: Minimum number of steps of a block.
 MIN_BLOCK = 64
 State = list[np.ndarray]
+#: Times of the smallest and the largest tension [s]; None if they are not requested.
+PeakTimes = tuple[float, float] | None
 
 
 class PeakSearch:
@@ -139,20 +141,22 @@ class Watch:
             if self.peaks is not None and done == self.window.first and not self.window.is_closed:
                 self.peaks.forget()
 
-    def finish(self, advance: Callable[[int, int], object], state: tuple[np.ndarray, ...]) -> None:
-        """Find the peaks, and leave the extremes of the window in the arrays."""
+    def finish(
+        self, advance: Callable[[int, int], object], state: tuple[np.ndarray, ...], steps_per_second: float
+    ) -> PeakTimes:
+        """Find the peaks, leave the extremes of the window in the arrays, and return :meth:`peak_times`."""
         if self.window is not None:
             self.window.finish()
         if self.peaks is not None:
             self.peaks.locate(advance, state)
+        return self.peak_times(steps_per_second)
 
-
-def peak_times(watch: Watch | None, steps_per_second: float) -> tuple[float, float] | None:
-    """Return the times of the smallest and the largest tension [s]; None if they are not requested."""
-    if watch is None or watch.peaks is None:
-        return None
-    smallest, largest = watch.peaks.steps
-    return smallest / steps_per_second, largest / steps_per_second
+    def peak_times(self, steps_per_second: float) -> PeakTimes:
+        """Return the times of the smallest and the largest tension [s]; None if they are not requested."""
+        if self.peaks is None:
+            return None
+        smallest, largest = self.peaks.steps
+        return smallest / steps_per_second, largest / steps_per_second
 
 
 def _restore(state: tuple[np.ndarray, ...], before: State) -> None:

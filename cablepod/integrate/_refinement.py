@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple
 
 from cablepod.integrate._comparison import FIRST_ORDER, SECOND_ORDER, ComparableRuns
 from cablepod.integrate._output_times import preferred_steps_per_second
@@ -38,21 +38,22 @@ MAX_TENSION_GROWTH, MAX_TENSION_WORK = 32.0, 1e8
 class Rules:
     """What a refinement has to reach, and what its runs may cost."""
 
+    runs: ComparableRuns
+    first: float  #: steps per second of the first run
     tolerance: float  #: of the error, as a fraction of the motion, and of the range of the tensions
     economical: bool  #: whether steps are hardly shorter than needed: then the first two runs are taken at their order
-    order: float  #: of the scheme
-    first_order: float  #: the order assumed of the first two runs at most
-    resolved: float  #: steps per second from which all frequencies are resolved
-    max_rate: float  #: maximum steps per second
-    max_tension_rate: float  #: the same where the tension alone has not converged
 
-    @classmethod
-    def of(cls, runs: ComparableRuns, first: float, tolerance: float, *, economical: bool) -> Self:
-        """Return the rules for runs of which the first has `first` steps per second."""
-        quick = runs.max_steps_per_second(MAX_TENSION_WORK)
-        most = min(max(MAX_GROWTH * first, quick), runs.max_steps_per_second(MAX_WORK))
-        of_tension = min(most, max(MAX_TENSION_GROWTH * first, quick))
-        return cls(tolerance, economical, runs.order, runs.first_order, runs.resolved, most, of_tension)
+    @property
+    def max_rate(self) -> float:
+        """Maximum steps per second."""
+        most = self.runs.max_steps_per_second
+        return min(max(MAX_GROWTH * self.first, most(MAX_TENSION_WORK)), most(MAX_WORK))
+
+    @property
+    def max_tension_rate(self) -> float:
+        """Maximum steps per second where the tension alone has not converged."""
+        quick = self.runs.max_steps_per_second(MAX_TENSION_WORK)
+        return min(self.max_rate, max(MAX_TENSION_GROWTH * self.first, quick))
 
 
 class Compared(NamedTuple):
@@ -93,22 +94,21 @@ class Verdict(NamedTuple):
 
 def judge(rules: Rules, now: Compared, history: Sequence[Verdict]) -> Verdict:
     """Judge a comparison, given the verdicts on those before."""
-    distances = now.motion, now.tension
-    highest = FIRST_ORDER if now.has_kinks else rules.order
+    runs, distances = rules.runs, (now.motion, now.tension)
+    highest = FIRST_ORDER if now.has_kinks else runs.order
     limit = rules.tolerance if rules.economical or now.steps_per_second >= rules.max_rate else SAFETY * rules.tolerance
     if history:
         last = history[-1].compared
         before = last.motion, last.tension
         orders = [_order(d, e, last.factor, now.factor, highest) for d, e in zip(distances, before, strict=True)]
         # vibrations that are not resolved differ as much at the next step, while the order is seen at the others
-        counted = FIRST_ORDER if now.steps_per_second < now.factor * rules.resolved else rules.order
+        counted = FIRST_ORDER if now.steps_per_second < now.factor * runs.resolved else runs.order
         errors = [d / (now.factor ** min(p, counted) - 1.0) for d, p in zip(distances, orders, strict=True)]
     else:
-        order = min(highest, rules.first_order)
+        order = min(highest, runs.first_order)
         orders = [order, order]
         # the order is not observed yet, so the estimate does not use it, or with a margin
-        divisor = (now.factor**order - 1.0) / FIRST_MARGIN if rules.economical else 1.0
-        errors = [distance / divisor for distance in distances]
+        errors = [economical_error(d, now.factor, order) if rules.economical else d for d in distances]
         limit = rules.tolerance if order > FIRST_ORDER else limit
     verdict = Verdict(now, orders[0], errors[0], errors[1], limit)
     # slow once may be a wave that the steps only begin to resolve
@@ -116,6 +116,11 @@ def judge(rules: Rules, now: Compared, history: Sequence[Verdict]) -> Verdict:
     if verdict.is_accepted or is_hopeless or len(history) + 1 == MAX_REFINEMENTS:
         return verdict
     return verdict._replace(wanted=_next(rules, verdict, orders))
+
+
+def economical_error(distance: Any, factor: float, order: float) -> Any:
+    """Return the estimated error of the finer of two runs, with a margin as their order is assumed and not observed."""
+    return distance / ((factor**order - 1.0) / FIRST_MARGIN)
 
 
 def _next(rules: Rules, verdict: Verdict, orders: Sequence[float]) -> float | None:
@@ -128,7 +133,7 @@ def _next(rules: Rules, verdict: Verdict, orders: Sequence[float]) -> float | No
     rate = now.steps_per_second
     if rate * of_tension > rules.max_tension_rate if verdict.moves_well else rate >= (1.0 - 1e-9) * rules.max_rate:
         return None
-    least = MIN_FACTOR if rules.first_order >= rules.order else MIN_FACTOR_UNRESOLVED
+    least = MIN_FACTOR if rules.runs.first_order >= rules.runs.order else MIN_FACTOR_UNRESOLVED
     needed = max(least, needed, min(of_tension, rules.max_tension_rate / rate))
     return preferred_steps_per_second(rate * min(MAX_FACTOR, rules.max_rate / rate, needed))
 

@@ -217,6 +217,11 @@ class Request:
         """Tolerance for the history of a result: None if the step is given."""
         return None if self.step is not None else self.tolerance
 
+    def of_run(self, times: np.ndarray, **others: Any) -> dict[str, Any]:
+        """Return what every :class:`cablepod.integrate._run.Run` takes of a request, with the output times [s], and others."""
+        shared = {"times": times, "outputs": self.outputs, "progress": self.progress, "window": self.window}
+        return shared | others
+
     def instants(self, p: Parameters) -> np.ndarray:
         """Return the output times [s], within the records of motions and loads.
 

@@ -125,7 +125,7 @@ class Refinement(Search):
         coarse, before = last
         if not self._history:
             tolerance = self._tolerance(trajectory) if callable(self._tolerance) else self._tolerance
-            self._rules = Rules.of(runs, before, tolerance, economical=self._economical)
+            self._rules = Rules(runs, before, tolerance, self._economical)
         now = Compared(rate, rate / before, *runs.distances(trajectory, coarse), runs.has_kinks(trajectory))
         verdict = judge(self._rules, now, self._history)
         self._history.append(verdict)

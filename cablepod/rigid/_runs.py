@@ -10,13 +10,12 @@ import numpy as np
 
 from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
+from cablepod.integrate._chain_run import Trajectory
 from cablepod.integrate._march import cut_step, not_converged
-from cablepod.integrate._means import Means, means, wants_means
+from cablepod.integrate._means import means, wants_means
 from cablepod.integrate._newton_run import NewtonRun
 from cablepod.integrate._output import Extremes, time_scale_attributes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import Trajectory
-from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.integrate._window import window_attributes
 from cablepod.rigid import _kernels_layout as layout
 
@@ -39,17 +38,17 @@ class RigidRun(NewtonRun):
         """Name of the scheme."""
         return self.formulation
 
-    def first_step(self) -> float:
-        """Return the step of the first run [s], about a third of the stability limit of the fastest initial vibration."""
+    @property
+    def unforced_step(self) -> float:
+        """Step of the first run [s], about a third of the stability limit of the fastest initial vibration."""
         stepper = RigidStepper(self, OutputTimes.of(self.times, 1.0))
-        chain, p = self.chain, self.chain.p
+        chain = self.chain
         max_tension = np.abs(stepper.s[layout.T, : chain.links]).max() + np.abs(chain.loads(0.0)).sum(axis=0).max()
         # a link under a tension T has the transverse stiffness T / l at most
         per_length = np.concatenate([[0.0], 1.0 / chain.length, [0.0]])
         inverse = stepper.s[layout.INVERSE_MASS, : chain.links + 1]
         omega = math.sqrt(2.0 * max_tension * float(((per_length[:-1] + per_length[1:]) * inverse).max()))
-        end_time = float(self.times[-1]) or 1.0
-        return min(0.7 / max(omega, 1e-300), end_time / 20.0, p.shortest_time_scale / STEPS_PER_CHANGE)
+        return min(0.7 / max(omega, 1e-300), (self.end_time or 1.0) / 20.0)
 
     def new_stepper(self, instants: OutputTimes) -> RigidStepper:
         """Return the stepper of a run."""
@@ -68,7 +67,8 @@ class RigidRun(NewtonRun):
         wants = wants_means(self.outputs) and instants is stepper.instants
         if instants.needs_interpolation or wants:
             a, tension = stepper.states(instants.steps / instants.steps_per_second, x, v, np.zeros(saves, dtype=bool))
-            of_steps = self._means_of(instants, tension) if wants else None
+            if wants:
+                of_steps = means(instants, self.window, tension.__getitem__, self.chain.links)
         if instants.needs_interpolation:
             x, v = instants.at_times(x, v, a), instants.rates_at_times(v, a)
             tension = stepper.states(instants.times, x, v, instants.fraction > 0)[1]
@@ -85,10 +85,6 @@ class RigidRun(NewtonRun):
             state.diagnostics["tension"] = tension
         return state
 
-    def _means_of(self, instants: OutputTimes, tension: np.ndarray) -> Means:
-        """Return time mean and root mean square (n,) [N] of tensions at the saved steps (saves, n)."""
-        return means(instants, self.window, lambda part: tension[part], self.chain.links)
-
     def initial_velocity_jump(self) -> dict[str, float]:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.
 
@@ -101,7 +97,7 @@ class RigidRun(NewtonRun):
         """Return the tensions (times, links) [N]."""
         return state.diagnostics["tension"]
 
-    def slackens(self, state: Trajectory) -> bool:
+    def has_kinks(self, state: Trajectory) -> bool:
         """Return False: rigid links carry compression."""
         return False
 

@@ -175,16 +175,7 @@ def simulate(
     check_ends(chain, end_time)
     warn_of_velocity_jump(p)
     title = str(scene.attrs.get("title", "scene"))
-    run = RigidRun(
-        chain,
-        instants,
-        start(chain),
-        request.outputs,
-        request.progress,
-        title,
-        formulation,
-        window=request.window,
-    )
+    run = RigidRun(chain, start(chain), title, formulation, **request.of_run(instants))
     steps_per_second = request.steps_per_second(p, end_time, None)
     if steps_per_second is not None:
         state, estimate = run(steps_per_second), None
@@ -233,7 +224,7 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
 
 def _refine_in_time(run: RigidRun, tolerance: float) -> Found:
     """Shorten the step until two runs agree."""
-    runs = run.comparable(run.first_step())
+    runs = run.comparable_runs()
     check_work(runs.steps_per_second, runs.end_time, runs.links)
     try:  # the initial shape does not tell how fast links will rotate
         rotation_rate = replace(run, progress=None)(runs.steps_per_second).diagnostics["largest_turn_rate"]

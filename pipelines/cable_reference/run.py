@@ -23,7 +23,6 @@ from _study import command_line
 import cablepod as cp
 from cablepod.cable._mesh import mesh_of
 from cablepod.cable._runs import ExplicitCableRun
-from cablepod.cable._scheme import unforced_step
 from cablepod.cable._start import start
 from cablepod.conventions import label
 from cablepod.discretisation._laws import LAWS
@@ -41,8 +40,8 @@ def step_of(given, elements: int, law: str) -> float:
     """Return 0.85 of the stability limit [s], rounded so that steps hit the instants."""
     mesh = mesh_of(parameters(given), elements, None, law)
     shape = start(mesh)
-    about = (mesh, np.array([0.0, float(given["time_duration"])]), shape, ("position",), None, "")
-    limit = unforced_step(ExplicitCableRun(*about)) / (0.8 if law == "green" else 0.9)
+    run = ExplicitCableRun(mesh, shape, times=np.array([0.0, float(given["time_duration"])]))
+    limit = run.unforced_step / (0.8 if law == "green" else 0.9)
     return 1.0 / preferred_steps_per_second(1.0 / (0.85 * limit))
 
 

@@ -103,7 +103,8 @@ def rigid_step(scene: xr.Dataset, otherwise: float | None = None) -> float:
     """
     chain = chain_of(parameters(scene))
     try:
-        begin = RigidRun(chain, parameters(scene).times(), start(chain), ("position",), None, "step").first_step()
+        run = RigidRun(chain, start(chain), times=parameters(scene).times())
+        begin = run.resolving(run.unforced_step)
         probe = cp.rigid.simulate(scene, formulation=FORMULATIONS[1], step=dividing(scene, begin / 8.0))
     except cp.SceneError:
         if otherwise is None:

@@ -96,7 +96,7 @@ def limits(scene: xr.Dataset) -> tuple[float, float]:
     chain = chain_of(parameters(scene))
     predicted, interval = chain.step_limit(), float(scene["time_interval"])
     run = ExplicitChainRun(
-        chain, parameters(scene).times(), chain_start.start(chain), ("position", "velocity"), None, "limit"
+        chain, chain_start.start(chain), times=parameters(scene).times(), outputs=("position", "velocity")
     )
     sound = _energy(run, min(0.05 * predicted, interval))
     low = 0.0

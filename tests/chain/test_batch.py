@@ -23,7 +23,7 @@ from cablepod.chain import _lanes as lanes
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
 from cablepod.chain._scheme import ChainRequest, prepare
-from cablepod.integrate._run import ChainRun
+from cablepod.integrate._chain_run import ChainRun
 
 STEP = 2e-3
 ALL = ("position", "velocity", "tension", "tension_extremes")

@@ -37,7 +37,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
     assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
 
     def largest(step):
-        run = ExplicitChainRun(chain, np.array([1000 * step]), chain_start.start(chain), ("position",), None, "")
+        run = ExplicitChainRun(chain, chain_start.start(chain), times=np.array([1000 * step]))
         return np.abs(run(1 / step).position - line).max()
 
     assert largest(0.999 * limit) < 1e-5
@@ -55,7 +55,7 @@ def test_the_stability_limit_with_viscous_links(soft, viscosity):
     start[1:-1:2] += 1e-9
 
     def largest(step):
-        run = ExplicitChainRun(chain, np.array([3000 * step]), start, ("position",), None, "")
+        run = ExplicitChainRun(chain, start, times=np.array([3000 * step]))
         return np.abs(run(1 / step).position - start).max()
 
     assert largest(0.99 * limit) < 1e-8
@@ -127,17 +127,11 @@ def test_a_broken_finite_run_is_stopped_at_the_first_sign(scenes):
 
 
 def test_the_remedy_names_other_schemes_only(soft):
-    about = (
-        lumped_chain.chain_of(parameters(cp.make_scene(soft))),
-        np.zeros(1),
-        np.zeros((9, 2)),
-        ("position",),
-        None,
-        "",
-    )
-    assert ImplicitChainRun(*about, method="trapezoidal").remedy.startswith("scheme energy_momentum")
-    assert ImplicitChainRun(*about, method="energy_momentum").remedy == "a step half as long"
-    assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about).remedy
+    about = lumped_chain.chain_of(parameters(cp.make_scene(soft))), np.zeros((9, 2)), ""
+    times = np.zeros(1)
+    assert ImplicitChainRun(*about, "trapezoidal", times=times).remedy.startswith("scheme energy_momentum")
+    assert ImplicitChainRun(*about, "energy_momentum", times=times).remedy == "a step half as long"
+    assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about, times=times).remedy
 
 
 def test_excessive_energy_is_warned_of(soft, monkeypatch):
@@ -150,15 +144,13 @@ def test_excessive_energy_is_warned_of(soft, monkeypatch):
 @pytest.mark.parametrize("law", ["linear", "green"])
 def test_the_energy_of_links(soft, law):
     p = parameters(cp.make_scene(soft))
-    run = ExplicitChainRun(
-        lumped_chain.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, ""
-    )
+    chain = lumped_chain.chain_of(p, law=law)
     stretched = np.linspace(0.0, 1.0, 9)[:, None] * [8.0, 6.0] * 1.1
-    xi = 1.1 * 10.0 / run.chain.total_length
+    xi = 1.1 * 10.0 / chain.total_length
     expected = (
-        p.stiffness * run.chain.total_length * (0.5 * (xi - 1.0) ** 2 if law == "linear" else (xi**2 - 1.0) ** 2 / 8.0)
+        p.stiffness * chain.total_length * (0.5 * (xi - 1.0) ** 2 if law == "linear" else (xi**2 - 1.0) ** 2 / 8.0)
     )
-    assert run.chain.strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
+    assert chain.strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_chaotic_scene_is_warned_of(scenes):

@@ -166,9 +166,9 @@ def test_a_mode_that_nothing_pulls_back_at_the_start_does_not_divide_by_zero(sof
 def test_what_is_off_along_the_chord_counts(soft, modes):
     scene = cp.make_scene(scene_of(soft, tension=150.0))
     model = model_of(parameters(scene), modes, rank=3, law="linear")
-    start = (model, TIMES, model.initial, (), None, scene, modes)
+    start = (model, model.initial, scene, modes)
     estimates = galerkin_estimate.GalerkinEstimate(model, 4.0)
-    run = galerkin_explicit.ExplicitGalerkinRun(*start, "velocity_verlet", estimates.sample_interval)
+    run = galerkin_explicit.ExplicitGalerkinRun(*start, "velocity_verlet", estimates.sample_interval, times=TIMES)
     trajectory = run(1000.0, sampled=True)
     bump = 5e-3 * np.sin(np.pi * model.sigma)
     chord = model.chain.p.upper - model.chain.p.lower

@@ -278,7 +278,7 @@ def test_rattle_can_be_turned_back(soft):
     p = parameters(scene)
     chain = chain_of(p)
     initial = rigid_start.start(chain)
-    run = RigidRun(chain, np.array([10.0]), initial, ("position",), None, "turned")
+    run = RigidRun(chain, initial, times=np.array([10.0]))
     stepper = RigidStepper(run, OutputTimes.of(run.times, 50.0))
     first = stepper.s[:3].copy()
     assert stepper.advance(0, 100) == 100
