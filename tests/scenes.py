@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -95,6 +95,25 @@ def pendulum(length, point, **changes):
     return cp.make_scene(
         {"cable": cable, "ends": {"lower": [0.0, 0.0], "upper": point, "free": "upper"}, "chain": {"links": 2}}
         | changes
+    )
+
+
+class UniformChain(NamedTuple):
+    """Numbers of the chain of a uniform cable."""
+
+    length: np.ndarray  #: unstretched lengths of the links (n,) [m]
+    stiffness: np.ndarray  #: of the links, EA over the length (n,) [N/m]
+    mass: np.ndarray  #: of the particles, half of that of the links beside each (n + 1,) [kg]
+
+
+def uniform_chain(scene: xr.Dataset, result: xr.Dataset) -> UniformChain:
+    """Return the chain of a uniform cable by hand, from numbers of its scene and the arc lengths of a result."""
+    area, length = float(scene.cable_area), np.diff(result.arc_length.values)
+    gravity = float(scene.gravity) if "gravity" in scene else 9.81
+    weight = scene.cable_specific_weight if "cable_specific_weight" in scene else gravity * scene.cable_density
+    share = 0.5 * (np.append(length, 0.0) + np.append(0.0, length))
+    return UniformChain(
+        length, float(scene.cable_youngs_modulus) * area / length, float(weight) / gravity * area * share
     )
 
 

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import TERMS as SHARED
-from scenes import scene_with, spatial
+from scenes import scene_with, spatial, uniform_chain
 from suite import with_slow
 
 import cablepod as cp
-from cablepod.discretisation import _chain as lumped_chain
-from cablepod.parameters._from_scene import parameters
 
 TERMS = {
     **SHARED,
@@ -202,13 +200,11 @@ def test_energy_is_kept_and_time_can_be_turned_back(soft):
         run = cp.chain.simulate(
             scene, times=np.arange(0, 4001, 40) / 1000, step=1 / rate, outputs=("position", "velocity")
         )
-        p = parameters(scene)
-        chain = lumped_chain.chain_of(p)
-        mass = p.mass * chain.tributary_length
-        stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - chain.length
+        length, stiffness, mass = uniform_chain(scene, run)
+        stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - length
         energy = (
             0.5 * np.sum(mass[:, None] * run.velocity.values**2, axis=(1, 2))
-            + 0.5 * np.sum(chain.k * np.maximum(stretch, 0) ** 2, axis=1)
+            + 0.5 * np.sum(stiffness * np.maximum(stretch, 0) ** 2, axis=1)
             + 9.81 * np.sum(mass * run.position[..., 1].values, axis=1)
         )
         energies[rate] = np.ptp(energy) / np.sum(0.5 * mass[:, None] * run.velocity.values**2, axis=(1, 2)).max()

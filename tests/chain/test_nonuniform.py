@@ -13,12 +13,13 @@ from scipy.optimize import brentq, curve_fit
 
 import cablepod as cp
 from cablepod.chain._attached import attached_forces
-from cablepod.chain._implicit import SCHEMES, assembled, link_stiffness
+from cablepod.chain._implicit import assembled, link_stiffness
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Segment
 
+SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 TENSION, MASS, LENGTH, STIFFNESS = 1e5, 2.0, 10.0, 1e9  # T [N], m per stretched length [kg/m], l [m], EA [N]
 FIRST = math.pi / LENGTH * math.sqrt(TENSION / MASS)
 STRETCH = 1.0 + TENSION / STIFFNESS

@@ -16,14 +16,14 @@ import cablepod as cp
 from cablepod.cli import main
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._particles import tributary_lengths
 
 SCHEMES = ("velocity_verlet", "trapezoidal", "generalized_alpha", "energy_momentum")
 EVERY = ("position", "velocity", "tension", "tension_extremes")
 
 
 def shares(lengths):
-    return tributary_lengths(np.asarray(lengths))
+    """Half of the links beside each particle."""
+    return 0.5 * (np.append(lengths, 0.0) + np.append(0.0, lengths))
 
 
 def own_of(mapping):

@@ -4,28 +4,37 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod.integrate._progress import Rising
 
 
-def test_each_of_several_runs_takes_half_of_what_is_left():
+def fractions_of(soft, **options):
+    """Run a chain for long enough that each run reports several times; return what is reported."""
     seen = []
-    rising = Rising(seen.append, several=True)
-    for fraction in (0.5, 1.0, 1.0, 0.2, 0.4):
-        rising(fraction)
-    rising.end()
-    assert seen == pytest.approx([0.25, 0.5, 0.75, 0.775, 0.8, 1.0])
+    scene = cp.make_scene({**soft, "time": {"duration": 1200.0, "interval": 1200.0}})
+    run = cp.chain.simulate(scene, scheme="velocity_verlet", outputs=("position",), progress=seen.append, **options)
+    return seen, run.attrs["number_of_steps"]
 
 
-def test_a_run_alone_reports_its_own_fraction():
-    seen = []
-    rising = Rising(seen.append, several=False)
-    for fraction in (0.5, 1.0):
-        rising(fraction)
-    rising.end()
-    assert seen == [0.5, 1.0]
+def test_each_of_several_runs_takes_half_of_what_is_left(soft):
+    seen, steps = fractions_of(soft, tolerance=1e-2)
+    for runs, share in enumerate((0.5, 0.25), 1):
+        own = [fraction for fraction in seen if 1.0 - 2.0 * share < fraction <= 1.0 - share]
+        # a report after each block of 65536 steps, of which the second run has half as many again or more
+        assert own[-1] == 1.0 - share
+        assert np.diff([1.0 - 2.0 * share, *own[:-1]]) == pytest.approx(own[0] - 1.0 + 2.0 * share, rel=1e-9)
+        assert len(own) > runs
+    assert seen[-1] == 1.0
+    assert steps > 2 * 65536
+
+
+def test_a_run_alone_reports_its_own_fraction(soft):
+    seen, steps = fractions_of(soft, step=4e-3)
+    assert steps == 300_000
+    # one step more, for the rates half a step after the last instant
+    assert seen == pytest.approx([*(65536 / 300_001 * np.arange(1, 5)), 1.0])
 
 
 CALLS = {

@@ -18,8 +18,9 @@ from cablepod.integrate._output_times import OutputTimes
 from cablepod.parameters._from_scene import parameters
 from cablepod.rigid import _kernels_layout as layout
 from cablepod.rigid import _start as rigid_start
-from cablepod.rigid._runs import FORMULATIONS, RigidRun, RigidStepper
+from cablepod.rigid._runs import RigidRun, RigidStepper
 
+FORMULATIONS = ("rattle", "index1")
 TERMS = {
     **SHARED,
     "free end": {
