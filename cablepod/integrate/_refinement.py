@@ -77,23 +77,28 @@ class Verdict(NamedTuple):
     wanted: float | None = None  #: steps per second of the next run; None at the end
 
     @property
-    def moves_well(self) -> bool:
+    def motion_is_accepted(self) -> bool:
         """Whether the motion is accepted."""
         return self.error <= self.limit
 
     @property
     def is_accepted(self) -> bool:
         """Whether motion and tension are accepted."""
-        return self.moves_well and self.tension_error <= self.limit
+        return self.motion_is_accepted and self.tension_error <= self.limit
 
     @property
     def is_slow(self) -> bool:
         """Whether the motion hardly converges."""
-        return self.order < MIN_ORDER and not self.moves_well
+        return self.order < MIN_ORDER and not self.motion_is_accepted
 
 
 def judge(rules: Rules, now: Compared, history: Sequence[Verdict]) -> Verdict:
-    """Judge a comparison, given the verdicts on those before."""
+    """Judge a comparison, given the verdicts on those before.
+
+    From the second comparison on errors follow from observed orders.  Of the first one the distance itself counts, or with
+    economical rules the error by the assumed order.  The search ends with an accepted run, with the second slow one in a
+    row, with the last of MAX_REFINEMENTS, and where the next run would cost too much.
+    """
     runs, distances = rules.runs, (now.motion, now.tension)
     highest = FIRST_ORDER if now.has_kinks else runs.order
     limit = rules.tolerance if rules.economical or now.steps_per_second >= rules.max_rate else SAFETY * rules.tolerance
@@ -131,7 +136,11 @@ def _next(rules: Rules, verdict: Verdict, orders: Sequence[float]) -> float | No
         for distance, order in ((now.motion, orders[0]), (now.tension, max(orders[1], MIN_ORDER)))
     )
     rate = now.steps_per_second
-    if rate * of_tension > rules.max_tension_rate if verdict.moves_well else rate >= (1.0 - 1e-9) * rules.max_rate:
+    if (
+        rate * of_tension > rules.max_tension_rate
+        if verdict.motion_is_accepted
+        else rate >= (1.0 - 1e-9) * rules.max_rate
+    ):
         return None
     least = MIN_FACTOR if rules.runs.first_order >= rules.runs.order else MIN_FACTOR_UNRESOLVED
     needed = max(least, needed, min(of_tension, rules.max_tension_rate / rate))

@@ -169,7 +169,7 @@ def check_work(steps_per_second: float, end_time: float, links: int) -> None:
 def _warn_not_converged(verdict: Verdict, tolerance: float) -> None:
     """Warn of motion, or of tension alone, that has not converged within the tolerance."""
     step = 1.0 / verdict.compared.steps_per_second
-    if verdict.moves_well:
+    if verdict.motion_is_accepted:
         text = (
             f"tension not converged in time: an error of {verdict.tension_error:.3g} of its range is left at step {step:.3g} s, "
             f"and of {verdict.error:.2g} of the motion, more than the tolerance {tolerance:.2g}; axial waves or snaps are not "
