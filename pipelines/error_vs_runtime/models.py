@@ -346,11 +346,7 @@ def p_load(p: Parameters) -> float:
 # --- time of the kernel -----------------------------------------------------------------------------------------------
 
 #: Functions that march from the first state to the last.
-MARCHES = (
-    "cablepod.integrate._march.advance_in_blocks",
-    "cablepod.chain._implicit.ImplicitStepper.advance",
-    "cablepod.chain._implicit.ImplicitStepper.substep",
-)
+MARCHES = ("cablepod.integrate._march.advance_in_blocks",)
 #: Compiled loops, and the tables of ends and loads that they need.
 COMPILED = (
     "cablepod.chain._kernels_explicit.verlet",
