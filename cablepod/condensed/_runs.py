@@ -99,15 +99,14 @@ def solve(
     if air is not None and not model.is_uniform:
         air = with_loads_of_air(air)
         model = air.model
-    state_at_start = initial_state(model, air)
-    omega_squared = model.omega_max_squared(state_at_start.q, model.initial_boundary_data, state_at_start.chord_tension)
+    start, end_time = initial_state(model, air), float(times[-1])
+    omega_squared = model.omega_max_squared(start.q, model.initial_boundary_data, start.chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
     fits = step is None and request.given_tolerance is None
     estimates = "error_estimate" in request.outputs
     has_rates = p.tension_damping is not None or air is not None
     scheme = _scheme_of(model, scheme, limit, step, fits=fits, has_rates=has_rates)
-    start, end_time = state_at_start, float(times[-1])
     if step is None or estimates:
         omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
     sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
