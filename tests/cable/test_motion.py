@@ -8,15 +8,13 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
+from references.elements import Elements
 from scenes import scene_with, spatial
 from suite import slow
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.cable import _frequencies as cable_frequencies
 from cablepod.cable import _scheme as cable_scheme
-from cablepod.cable._mesh import mesh_of
-from cablepod.parameters._from_scene import parameters
 
 #: Ends that begin to move so smoothly (as t^6) that no wave has a corner: order can be seen.
 SMOOTH = {
@@ -225,11 +223,12 @@ def test_verlet_keeps_the_energy(law, soft):
     drift = []
     for step in (2e-4, 1e-4):
         run = cp.cable.simulate(scene, elements=4, law=law, step=step, points="nodes", outputs=("position", "velocity"))
-        mesh = mesh_of(parameters(scene), 4, law=law, points="nodes")
-        xi = mesh.stretch(run.position.values)
-        strain = 2e4 * ((xi**2 - 1.0) ** 2 / 8.0 if law == "green" else 0.5 * (xi - 1.0) ** 2) @ mesh.length
-        kinetic = 0.5 * ((run.velocity.values**2).sum(-1) * mesh.tributary_length).sum(-1)
-        energy = strain + kinetic + 9.81 * (run.position.values[..., 1] * mesh.tributary_length).sum(-1)
+        elements = Elements(run.arc_length.values)
+        xi = elements.stretch(run.position.values)
+        density = 2e4 * ((xi**2 - 1.0) ** 2 / 8.0 if law == "green" else 0.5 * (xi - 1.0) ** 2)
+        strain = (density * elements.weight).sum(axis=(1, 2))
+        kinetic = 0.5 * ((run.velocity.values**2).sum(-1) * elements.share).sum(-1)
+        energy = strain + kinetic + 9.81 * (run.position.values[..., 1] * elements.share).sum(-1)
         drift.append(np.abs(energy - energy[0]).max() / kinetic.max())
     # symplectic: the energy swings by an amount of second order and goes nowhere
     assert drift[0] < 1e-3
@@ -358,8 +357,8 @@ def test_the_limit_of_the_step_is_sharp(soft):
     omega = sound.attrs["highest_angular_frequency"]
     assert limit == pytest.approx(2.0 / omega, rel=1e-12)
     # the bound is that of the straight cable, moved along itself: what the tangent of the cable at rest has, but for its sag
-    mesh = mesh_of(parameters(scene), 4, law="green")
-    assert omega == pytest.approx(cable_frequencies.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
+    found = cp.cable.frequencies(scene, elements=4, law="green", count=2 * (4 * 7 - 1))  # two of each inner node
+    assert omega == pytest.approx(float(found.angular_frequency[-1]), rel=1e-2)
 
 
 def test_a_stopped_run_keeps_what_it_had(soft, any_load):

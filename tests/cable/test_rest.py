@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from references.elements import Elements
 from references.irvine import horizontal, symmetric_roots
 from scenes import scene_with, spatial
 from scipy.integrate import solve_bvp
@@ -320,7 +321,7 @@ def test_frequencies_of_inclined_cables_are_the_limit_of_the_chain(number, law, 
 def test_frequencies_have_units_members_and_norm(soft):
     scene = scene_with(soft)
     single = cp.cable.frequencies(scene, count=3, points="nodes", elements=4)
-    share = cable_mesh.mesh_of(parameters(scene), 4).tributary_length
+    share = Elements(single.arc_length.values).share
     mean = ((single.mode_shape**2).sum("coordinate") * share).sum("particle") / share.sum()
     assert mean.values == pytest.approx(np.ones(3), rel=1e-12)
     assert not single.mode_shape.values[:, [0, -1]].any()
