@@ -72,3 +72,14 @@ def test_a_stopped_run_keeps_the_output_times_alone(soft, any_load):
     with pytest.raises(cp.RunStopped, match="left the finite numbers") as stopped:
         cp.chain.simulate(cp.make_scene(soft), scheme="trapezoidal", tolerance=1e-3, times=[0.0, 0.5, 4.0])
     assert stopped.value.partial.time.values.tolist() == [0.0, 0.5]
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning", "ignore::cablepod.UnusualSceneWarning")
+@pytest.mark.parametrize("model", ["chain", "cable"])
+def test_every_run_has_twenty_steps_in_a_ramp_of_the_wind(soft, model):
+    # which begins in tenths of it; the ends do not move
+    soft["cable"] |= {"drag_coefficient": 1.2, "diameter": 0.036}
+    scene = cp.make_scene({**soft, "motion": {}, "wind": {"speed": 2.0, "direction": [1.0, 0.0], "ramp": 1.0}})
+    options = {"elements": 2} if model == "cable" else {}
+    run = getattr(cp, model).simulate(scene, scheme="trapezoidal", tolerance=1e3, **options)
+    assert 0.025 < 2.0 * run.attrs["step"] <= 0.05
