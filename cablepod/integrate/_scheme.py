@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.errors import RunStopped
 from cablepod.integrate._comparison import ComparableRuns
 from cablepod.integrate._step_control import Found, Refinement, Search
 
@@ -48,9 +47,10 @@ class Halving(Search):
         """Return steps per second, or None if they are too many."""
         return steps_per_second if steps_per_second <= self._most else None
 
-    def stopped(self, why: RunStopped) -> None:
+    def go_on_after_stop(self) -> bool:
         """Go on after a run that stopped."""
         self.take(None)
+        return True
 
     def take(self, trajectory: Any) -> None:
         """Take the run that was wanted, None if it stopped."""
@@ -140,10 +140,11 @@ class SchemeChoice(Search):
         self._search.take(trajectory)
         self._follow()
 
-    def stopped(self, why: RunStopped) -> None:
-        """Take account of a run that stopped."""
-        self._search.stopped(why)
+    def go_on_after_stop(self) -> bool:
+        """Take account of a run that stopped; returns whether the search goes on."""
+        goes_on = self._search.go_on_after_stop()
         self._follow()
+        return goes_on
 
     def _follow(self) -> None:
         """Say what the present search says; go on with explicit steps where implicit ones were in vain."""

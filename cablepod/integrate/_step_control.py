@@ -40,9 +40,9 @@ class Search:
         """Take the run that was wanted."""
         raise NotImplementedError
 
-    def stopped(self, why: RunStopped) -> None:
-        """Take account of a run that stopped."""
-        raise why
+    def go_on_after_stop(self) -> bool:
+        """Take account of a run that stopped; returns whether the search goes on."""
+        return False
 
 
 def complete(search: Search) -> Any:
@@ -50,8 +50,9 @@ def complete(search: Search) -> Any:
     while search.wanted is not None:
         try:
             trajectory = search.run(search.wanted)
-        except RunStopped as why:
-            search.stopped(why)
+        except RunStopped:
+            if not search.go_on_after_stop():
+                raise
         else:
             search.take(trajectory)
     return search.found
@@ -107,12 +108,13 @@ class Refinement(Search):
         self._last: tuple[Any, float] | None = None  # run and its steps per second
         self._halvings, self._history = 0, list[Verdict]()
 
-    def stopped(self, why: RunStopped) -> None:
-        """Halve the step of a first run that stopped."""
+    def go_on_after_stop(self) -> bool:
+        """Halve the step of a first run that stopped; returns whether the search goes on."""
         if self._last is not None or self._halvings == MAX_HALVINGS or self.wanted is None:
-            raise why
+            return False
         self._halvings += 1
         self.wanted *= 2.0
+        return True
 
     def take(self, trajectory: Any) -> None:
         """Take the run that was wanted."""

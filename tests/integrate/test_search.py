@@ -33,13 +33,13 @@ def test_a_search_takes_the_runs_that_it_wants_from_anywhere():
 
 
 def test_only_a_first_run_may_stop():
-    search, why = Refinement(runs_of_order_two(1e-3), 1e-6), cp.RunStopped("too long")
+    search = Refinement(runs_of_order_two(1e-3), 1e-6)
     for rate in (100.0, 200.0):
         assert search.wanted == rate
-        search.stopped(why)
-    search.take((search.wanted, 1e-3))
-    with pytest.raises(cp.RunStopped, match="too long"):
-        search.stopped(why)
+        assert search.go_on_after_stop()
+    assert search.wanted == 400.0
+    search.take((400.0, 1e-3))
+    assert not search.go_on_after_stop()
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e-2])
