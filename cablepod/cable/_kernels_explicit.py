@@ -8,6 +8,7 @@ from cablepod._jit import compiled
 from cablepod.cable._kernels_air import drag_forces
 from cablepod.cable._kernels_forces import _extremes, _nodal_forces
 from cablepod.chain._kernels_attached import BEFORE, DAMPER, DIRECTION, REST, SPRING, STRETCH, velocity_change
+from cablepod.integrate._kernels_assign import assign
 
 
 @compiled
@@ -194,9 +195,9 @@ def verlet(
             _note_attached(x, v, first, particles, numbers)
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
-            saved[save] = x
+            assign(saved[save], x)
             if saved_half.shape[0] > 0:
-                saved_half[save, 0] = v
+                assign(saved_half[save, 0], v)
         for c in range(dims):
             _update_velocity(v[c], f[c, first : first + m], per_mass, increments[c], damping_factor)
             for load in range(patterns.shape[0]):
@@ -211,5 +212,5 @@ def verlet(
             x[rows[k], columns[k]] = ends[k, i + 1]
         if saving:
             if saved_half.shape[0] > 0:
-                saved_half[save, 1] = v
+                assign(saved_half[save, 1], v)
             save += 1

@@ -108,7 +108,7 @@ def _products(first, second, result):
                 result[q, e] += first[2, q, e] * second[2, q, e]
 
 
-@compiled
+@compiled(literal=False)
 def _record_slack(square, step, slack):
     """Update `slack`: first step with a stretch below 1 and its point, step and point of the minimum, minimum of the square."""
     for e in range(square.shape[1]):

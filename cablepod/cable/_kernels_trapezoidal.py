@@ -22,6 +22,7 @@ from cablepod.cable._kernels_forces import (
 )
 from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
 from cablepod.discretisation._kernels_modal_damping import damping_forces
+from cablepod.integrate._kernels_assign import assign
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 30
@@ -289,15 +290,16 @@ def trapezoidal(
     iterations, save, has_acceleration = 0, 0, True
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
-            saved[save, 0] = x
-            saved[save, 1, :, first : first + m] = v
-            saved[save, 2, :, first : first + m] = a
+            assign(saved[save, 0], x)
+            assign(saved[save, 1, :, first : first + m], v)
+            assign(saved[save, 2, :, first : first + m], a)
             save += 1
         if low.size > 0:
             if viscosity is not None:
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
-                    u[c, first : first + m] = v[c]
+                    for j in range(m):
+                        u[c, first + j] = v[c, j]
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
         for q in range(rows.size):
             trial[rows[q], columns[q]] = ends[q, i + 1]

@@ -266,7 +266,7 @@ class ExplicitStepper:
             bodies = None if of_bodies is None else of_bodies[None]
             self._wind = run.air.velocity[None], np.array([run.air.drag]), bodies, run.air.samples_per_second, hold
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
-        self._extremes = True if "tension_extremes" in run.outputs else None
+        self._extremes = "tension_extremes" in run.outputs
 
     def advance(self, start: int, steps: int) -> np.ndarray:
         """Take `steps` steps from number `start` on; returns which runs are still finite (runs,)."""

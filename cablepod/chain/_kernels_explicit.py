@@ -49,6 +49,7 @@ from cablepod.chain._kernels_layout import (
     Y,
     Z,
 )
+from cablepod.integrate._kernels_assign import assign
 
 
 def new_states(chains, links):
@@ -229,7 +230,7 @@ def _steps(
             _green_forces(s, links, spatial)
         else:
             _elastic_forces(s, links, spatial)
-        if extremes is not None:
+        if extremes:
             _extremes(s, links, green, spatial)
         if tension_damping is not None:
             _add_tension_damping(s, links, tension_damping, spatial)
@@ -281,9 +282,9 @@ def _verlet(
         target = steps
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
-            saved[save] = s[X : X + dims, : links + 1]
+            assign(saved[save], s[X : X + dims, : links + 1])
             if save < saved_half.shape[0]:
-                saved_half[save, 0] = s[VX : VX + dims, : links + 1]
+                assign(saved_half[save, 0], s[VX : VX + dims, : links + 1])
                 target = i + 1
         if target == steps and save + saving < save_steps.size:
             target = save_steps[save + saving] - start
@@ -294,7 +295,7 @@ def _verlet(
         i = target
         if saving:
             if save < saved_half.shape[0]:
-                saved_half[save, 1] = s[VX : VX + dims, : links + 1]
+                assign(saved_half[save, 1], s[VX : VX + dims, : links + 1])
             save += 1
 
 
@@ -317,8 +318,8 @@ def verlet(
         Whether to advance a chain.
     links : int
         Number of links n.
-    spatial, green, extremes : True or None
-        Third coordinate, law (21), extremes of the tensions; None without.
+    spatial, green : True or None
+        Third coordinate, law (21); None without.
     step : float
         [s].
     damping_factors : float array (chains,) or None
@@ -345,6 +346,8 @@ def verlet(
         Their values at the steps from `start` on [m].
     end_rates : float array (chains, moving, steps + 1 or more) or None
         Their velocities [m/s]; only with viscosity or tension damping.
+    extremes : bool
+        Whether to update the extremes of the tensions.
     steps, start : int
         Number of steps, number of the first.
     save_steps : int array (saves,)

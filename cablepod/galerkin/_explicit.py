@@ -92,8 +92,7 @@ class ExplicitGalerkinRun(GalerkinRun):
         step = 1.0 / steps_per_second
         damping_factor = math.exp(-damping * step)
         impulse_time = -math.expm1(-damping * step) / damping if damping else step
-        law, ((factor, offset, *pairs), link_form) = self.law, self.tables
-        polynomial_form = factor, offset, *(part.astype(np.uint64) for part in pairs)
+        law, (polynomial_form, link_form) = self.law, self.tables
         gram, linear = model.gram_form if law == 0 else (np.zeros((0, 0)), np.zeros(0))
         filtered = None if (step_filter := self.filter(step)) is None else step_filter.factor
         p, account = self.p0.copy(), np.zeros(3)

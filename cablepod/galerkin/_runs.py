@@ -152,11 +152,13 @@ class GalerkinRun(Run):
     def tables(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Coefficients of the polynomial form and of the link form; those not needed are empty."""
         model = self.model
-        no_pairs = np.zeros(0, dtype=np.int64)
+        no_pairs = np.zeros(0, dtype=np.uint64)
         count, dims = len(model.modes) + len(model.moving), model.chain.p.dims
         if self.law == 0:
             unused = np.zeros((dims, 0)), np.zeros(0), np.zeros((count, dims, 0)), model.active_axes, np.zeros(0)
-            return model.polynomial_form, unused
+            factor, offset, *pairs = model.polynomial_form
+            # an index without a sign is not tested for counting from the end
+            return (factor, offset, *(part.astype(np.uint64) for part in pairs)), unused
         return (np.zeros((0, 0)), np.zeros(0), no_pairs, no_pairs), model.link_form
 
     @cached_property

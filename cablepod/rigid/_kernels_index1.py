@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.integrate._kernels_assign import assign
 from cablepod.rigid._kernels_constraints import (
     dimensions,
     dot,
@@ -214,8 +215,8 @@ def states(s, links, spatial, ends, patterns, factors, damping, is_projected, to
     """
     dims = dimensions(spatial)
     for i in range(x.shape[0]):
-        s[X : X + dims, : links + 1] = x[i]
-        s[V : V + dims, : links + 1] = v[i]
+        assign(s[X : X + dims, : links + 1], x[i])
+        assign(s[V : V + dims, : links + 1], v[i])
         set_ends(s, links, spatial, X, ends[i, 0])
         set_ends(s, links, spatial, V, ends[i, 1])
         link_vectors(s, links, spatial, X, E)
@@ -230,13 +231,14 @@ def states(s, links, spatial, ends, patterns, factors, damping, is_projected, to
             copy_vectors(s, links, spatial, N, E)
             if not project_velocities(s, links, spatial, V, E):
                 return i, SINGULAR
-            x[i] = s[X : X + dims, : links + 1]
-            v[i] = s[V : V + dims, : links + 1]
+            assign(x[i], s[X : X + dims, : links + 1])
+            assign(v[i], s[V : V + dims, : links + 1])
         if patterns.shape[0] > 0:
             load_accelerations(s, links, spatial, patterns, factors[i])
         set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
         if not index1_accelerations(s, links, spatial, V, E, damping):
             return i, SINGULAR
-        a[i] = s[ACCELERATION : ACCELERATION + dims, : links + 1]
-        tension[i] = s[CORRECTION, :links]
+        assign(a[i], s[ACCELERATION : ACCELERATION + dims, : links + 1])
+        for j in range(links):
+            tension[i, j] = s[CORRECTION, j]
     return x.shape[0], DONE

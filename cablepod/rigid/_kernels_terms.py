@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cablepod._jit import compiled
+from cablepod.integrate._kernels_assign import assign
 from cablepod.rigid._kernels_constraints import dimensions, dot
 from cablepod.rigid._kernels_layout import (
     BALANCE,
@@ -119,5 +120,5 @@ def copy_vectors(s, links, spatial, source, target):
 def save_state(s, links, save, saved):
     """Save positions and velocities as number `save`."""
     dims = saved.shape[2]
-    saved[save, 0] = s[X : X + dims, : links + 1]
-    saved[save, 1] = s[V : V + dims, : links + 1]
+    assign(saved[save, 0], s[X : X + dims, : links + 1])
+    assign(saved[save, 1], s[V : V + dims, : links + 1])
