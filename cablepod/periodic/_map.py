@@ -12,6 +12,7 @@ from cablepod.batch._pool import map_threads
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import MAX_HARMONICS, MAX_PHASE_STEP, MAX_PHASES, MIN_STRIDE
 
 #: Number of harmonics of the first map, and share of the last two in the motion above which a column is computed with more.
@@ -70,7 +71,7 @@ def compute_map(
     n = base.n_in_plane if base.is_planar else base.size
     split = base.n_in_plane if base.is_planar else base.size
     scaled = omega / frequency_scale
-    base.check_period(2.0 * np.pi / scaled[0])
+    check_period(base, 2.0 * np.pi / scaled[0])
     equal = _equal_steps(amplitudes)
     shapes = np.concatenate(base.sets)[:n] * length_scale
     columns_of_rows = base.rows(1, 1).shape[2]

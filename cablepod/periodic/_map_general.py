@@ -12,6 +12,7 @@ from cablepod.periodic._continuation import adapted
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._map import HARMONICS, MapResult
 from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import Solver, State, sets_of
 
 #: Tolerance of the angular frequency of an edge, relative.
@@ -28,7 +29,7 @@ def compute_general_map(
 ) -> None:
     """Do :func:`cablepod.periodic._map.compute_map` with the number of harmonics of single orbits, in one thread."""
     scale = base.scales[0]
-    base.check_period(2.0 * np.pi / omega[0] * scale)
+    check_period(base, 2.0 * np.pi / omega[0] * scale)
     known: list[list[State]] = [[] for _ in omega]  # the last three responses at each frequency, without a gap
     last: list[State | None] = [None for _ in omega]
     for a, model in enumerate(models):

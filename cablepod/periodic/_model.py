@@ -15,23 +15,17 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._rest_tangent import RestTangent, vibrations
 from cablepod.condensed._terms import terms_of_lane
-from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
-from cablepod.errors import RunStopped, SceneError, scene_error
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
 from cablepod.periodic._kernels_layout import Forced
+from cablepod.periodic._sag import MODES_WITH_SAG, missing_sag, sag_over_chord
 
 #: Orders of the condensed model that have periodic responses.
 ORDERS = ("leading", "exact")
 #: Share of the linear stiffness that the stretching by a coordinate of one has.
 REFERENCE_STRETCHING = 0.1
-#: Largest phase of the highest frequency in a period, of 8192 steps that are then four times as long as elsewhere (phases err by
-#: 1e-3), and largest decay exponent: e^600 times e^-600 are still numbers.
-MAX_PHASE, MAX_DECAY = 8192 * 0.8, 300.0
-#: Part of the deflection at rest beyond which modes miss it: two vibration modes of a taut guy, 4 %, have good responses.
-MISSING_SAG = 0.05
-MODES_WITH_SAG = "modes that hold it: of condensed.vibration_modes with static_modes=True, of snapshots, or more"
 #: Loads out of the plane over those in it, below which they are rounding.
 PLANAR_RTOL = 1e-12
 
@@ -56,6 +50,8 @@ class PeriodicModel:
     unit: CondensedModel  #: of a cable of unit mass and length
     out_of_plane: bool  #: whether a planar scene has coordinates out of the plane
     forcing: Forcing
+    #: Model of another amplitude whose scales and shapes out of the plane hold for this one too; None: its own
+    base: PeriodicModel | None = field(default=None, repr=False)
     _rows: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, repr=False)
     _terms: dict[int, LeadingTerms] = field(default_factory=dict, repr=False)
 
@@ -85,11 +81,8 @@ class PeriodicModel:
     def with_amplitude(self, factor: float) -> PeriodicModel:
         """Return the model for other amplitudes of the forcing, with the same scales."""
         p = scaled(self.forcing.parameters, factor)
-        other = PeriodicModel(rescaled_model(self.unit, p), self.unit, self.out_of_plane, self.forcing)
-        other.__dict__["scales"] = self.scales
-        if len(self.sets) > len(self.condensed.sets):
-            other.__dict__["lateral_shapes"] = self.lateral_shapes
-        return other
+        base = self if self.base is None else self.base
+        return PeriodicModel(rescaled_model(self.unit, p), self.unit, self.out_of_plane, self.forcing, base)
 
     # --- coordinates ----------------------------------------------------------------------------------------------------
 
@@ -105,6 +98,8 @@ class PeriodicModel:
     @cached_property
     def lateral_shapes(self) -> np.ndarray:
         """Shapes of vibrations out of the plane about rest (mode, particle) of a planar scene, for any amplitude."""
+        if self.base is not None:
+            return self.base.lateral_shapes
         chain = self.condensed.chain
         position, tension = rest_shape(chain)
         still = np.zeros_like(chain.arc_length)
@@ -182,6 +177,8 @@ class PeriodicModel:
     @cached_property
     def scales(self) -> tuple[float, float, float]:
         """Scales of frequency [rad/s], coordinates [kg^1/2 m] and squared slope norms [1/(kg m)]."""
+        if self.base is not None:
+            return self.base.scales
         chain = self.condensed.chain
         squared = np.linalg.eigvalsh(self.tangent_at_rest[: self.n_in_plane, : self.n_in_plane])
         positive = squared[squared > 1e-9 * np.abs(squared).max()]
@@ -189,42 +186,19 @@ class PeriodicModel:
             if self.missing_sag:
                 raise SceneError(f"modes: given {self.missing_sag}; allowed: {MODES_WITH_SAG}")
             if self.condensed.rest_tension > 0.0:
+                sag = f"a sag of {100.0 * sag_over_chord(self.condensed):.2g} % of the chord"
                 raise scene_error(
-                    "scene", f"a sag of {100.0 * self._sag_over_chord:.2g} % of the chord, without stiffness to leading order",
-                    "a shallower cable; try: chain.simulate",
-                )  # fmt: skip
+                    "scene", f"{sag}, without stiffness to leading order", "a shallower cable; try: chain.simulate"
+                )
             raise scene_error("scene", "a cable without stiffness at rest", "a cable in tension")
         kappa = float(self.kappa_si[: self.n_in_plane].min())
         stretching = 0.5 * chain.p.stiffness / chain.total_length * kappa**2
         return float(np.sqrt(positive[0])), float(np.sqrt(REFERENCE_STRETCHING * positive[0] / stretching)), kappa
 
     @cached_property
-    def _rest_deflection(self) -> np.ndarray:
-        """Deflection of the chain at rest (normals, particle) [m]."""
-        position = rest_shape(self.condensed.chain)[0]
-        return ChordFrame.of((position[-1] - position[0])[None], self.condensed.reference).split(position[None])[1][
-            :, 0
-        ]
-
-    @property
-    def _sag_over_chord(self) -> float:
-        """Largest deflection at rest over the distance of the ends."""
-        chord = np.linalg.norm(np.diff(self.condensed.chain.p.initial_ends, axis=0))
-        return float(np.sqrt((self._rest_deflection**2).sum(axis=0)).max() / chord)
-
-    @cached_property
     def missing_sag(self) -> str:
         """What the modes lack of the deflection at rest, in words; empty for those that hold it."""
-        model, root = self.condensed, np.sqrt(self.condensed.mass)
-        sag, left = self._rest_deflection * root, 0.0
-        for part, which in zip(sag, model.sets, strict=True):
-            basis = np.linalg.qr((model.shapes[which] * root).T)[0]
-            left += float(np.sum((part - basis @ (basis.T @ part)) ** 2))
-        missing = float(np.sqrt(left / max(float(np.sum(sag**2)), 1e-300)))
-        if not missing > MISSING_SAG:
-            return ""
-        count = f"{self.n_in_plane} mode{'s' if self.n_in_plane > 1 else ''}"
-        return f"{count} in the plane, without {100.0 * missing:.2g} % of the deflection at rest"
+        return missing_sag(self.condensed)
 
     @property
     def remedy(self) -> str:
@@ -338,35 +312,6 @@ class PeriodicModel:
         half = 0.5 * (self.damping + self.tension_damping * squared)
         root = np.sqrt(np.maximum(half**2 - squared, 0.0))
         return float((half - root).min())
-
-    def check_period(self, duration: float) -> None:
-        """Stop where a period without dimension is too long for multipliers.
-
-        Raises
-        ------
-        RunStopped
-            If its steps would be too many, or disturbances decay too far.
-        """
-        if duration * self.fastest_rate > MAX_PHASE:
-            raise RunStopped(
-                f"a period of {duration / self.scales[0]:.3g} s is too long for multipliers: rates go up to "
-                f"{self.fastest_rate * self.scales[0]:.3g} rad/s; try fewer modes, or a higher frequency of the forcing"
-            )
-        if 0.5 * duration * self.damping > MAX_DECAY:
-            raise RunStopped(
-                f"damping by mass of {self.damping * self.scales[0]:.3g} 1/s leaves nothing of a disturbance after a period "
-                f"of {duration / self.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
-            )
-        if duration * self.slowest_decay > MAX_DECAY:
-            kind = (
-                f"by the tension of {self.tension_damping / self.scales[0]:.3g} s"
-                if self.tension_damping
-                else "by ratios or dampers"
-            )
-            raise RunStopped(
-                f"damping {kind} leaves nothing of a disturbance after "
-                f"a period of {duration / self.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
-            )
 
     @cached_property
     def is_planar(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._period import check_period
 
 #: Least and largest number of harmonics of one period of the forcing where it is adapted, and its change.
 MIN_HARMONICS, MAX_HARMONICS, MORE_HARMONICS = 6, 32, 4
@@ -246,7 +247,7 @@ class Solver:
             For a period too long for multipliers.
         """
         duration = 2.0 * np.pi * state.periods / max(abs(state.omega), 1e-12)
-        self.model.check_period(duration)
+        check_period(self.model, duration)
         steps = duration * self.model.fastest_rate / MAX_PHASE_STEP
         stride, samples = MIN_STRIDE, 4 * state.harmonics + 4
         while stride * samples < min(steps, MAX_PHASES):
