@@ -99,7 +99,7 @@ class ExplicitChainRun(ChainRun):
         terms = (damping, attached, len(chain.time_dependent_loads()), tuple(p.motions))
         return chain.links, p.dims, chain.law, terms, self.outputs, self.times.tobytes()
 
-    def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
+    def _first_state(self, step: float) -> tuple[np.ndarray, float, np.ndarray | None]:
         """Return the kernel state at the start from rest, the damping factor, and the patterns of time-dependent loads."""
         from cablepod.chain import _kernels_explicit as kernel_explicit
 
@@ -110,7 +110,7 @@ class ExplicitChainRun(ChainRun):
             slice(chain.links + 1),
         )
         mass = chain.mass[free]
-        damping_factor, half = None, 0.5 * step
+        damping_factor, half = 1.0, 0.5 * step
         state[layout.PER_MASS, free] = step / mass
         if p.mass_damping is not None:
             damping_factor = math.exp(-p.mass_damping * step)
@@ -208,7 +208,7 @@ class PreparedRun:
     run: ExplicitChainRun
     instants: OutputTimes
     state: np.ndarray  #: rows of :mod:`cablepod.chain._kernels_layout` (ROWS, columns)
-    damping_factor: float | None  #: factor of the velocity by mass damping in a step, None without
+    damping_factor: float  #: factor of the velocity by mass damping in a step, 1 without
     patterns: np.ndarray | None  #: velocity increments by time-dependent loads at factor 1 (loads, dims, n + 1) [m/s]
 
     @property
@@ -239,7 +239,8 @@ class ExplicitStepper:
         self.half_velocities = self._half_saved if half else None
         self._position = self.states[:, layout.X : layout.X + p.dims, : chain.links + 1]
         rows = np.array([layout.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
-        self._places = rows, np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
+        columns = np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
+        self._places = rows, columns
         ends = [_batched_motion(prepared, end, axis) for end, axis in p.motions]
         loads = zip(*(member.run.chain.time_dependent_loads() for member in prepared), strict=True)
         self._functions = {
@@ -249,40 +250,42 @@ class ExplicitStepper:
         }
         self._tables: dict[str, np.ndarray] = {}
         self._patterns = _stacked([member.patterns for member in prepared])
-        self._damping_factors = _stacked([member.damping_factor for member in prepared])
-        self._viscosities = _stacked([member.run.chain.p.link_viscosity for member in prepared])
-        self._tension_dampings = _stacked([member.run.chain.p.tension_damping for member in prepared])
+        self._damping_factors = np.array([member.damping_factor for member in prepared])
+        own = [member.run.chain.p for member in prepared]
+        #: Viscosity and damping by the tension (runs,) [s]; None without either.
+        self._dampings = None
+        if p.link_viscosity is not None or p.tension_damping is not None:
+            viscosity = np.array([each.link_viscosity or 0.0 for each in own])
+            self._dampings = viscosity, np.array([each.tension_damping or 0.0 for each in own])
         attached = [member.run.attached for member in prepared]
-        self._attached: tuple[Any, ...] = None, None
+        self._attached = None
         if run.attached is not None:
-            self._attached = tuple(
-                np.stack([getattr(one, name) for one in attached]) for name in ("particles", "numbers")
-            )
-        self._wind: tuple[Any, ...] = None, None, None, 0.0, 1
+            arrays = (np.stack([getattr(one, name) for one in attached]) for name in ("particles", "numbers"))
+            self._attached = layout.Attached(*arrays)
+        self._air = None
         if run.air is not None:  # such runs are alone
             tension = float(chain.tensions_and_forces(run.initial)[0].max())
             hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second, run.end_time)
-            of_bodies = cast("ChainAir", run.air).bodies
-            bodies = None if of_bodies is None else of_bodies[None]
-            self._wind = run.air.velocity[None], np.array([run.air.drag]), bodies, run.air.samples_per_second, hold
-        self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
-        self._extremes = "tension_extremes" in run.outputs
+            bodies = cast("ChainAir", run.air).bodies
+            self._air = layout.Air(run.air.velocity, run.air.drag, bodies, run.air.samples_per_second, hold)
+        self._spatial = True if p.dims == 3 else None
+        step, extremes = 1.0 / self.instants.steps_per_second, "tension_extremes" in run.outputs
+        self._shared = layout.Shared(chain.links, step, chain.green, extremes)
 
     def advance(self, start: int, steps: int) -> np.ndarray:
         """Take `steps` steps from number `start` on; returns which runs are still finite (runs,)."""
         from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
 
-        step, damped = (
-            1.0 / self.instants.steps_per_second,
-            (self._viscosities is not None or self._tension_dampings is not None),
-        )
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
+        saves, rates, loads = slice(first, last), None, None
+        if self._dampings is not None:
+            rates = layout.Rates(*self._dampings, self._table("rates", start, steps))
+        if self._patterns is not None:
+            loads = layout.Loads(self._patterns, self._table("factors", start, steps))
         kernel.verlet(
-            self.states, self.is_finite, *self._kind, step, self._damping_factors, self._viscosities,
-            self._tension_dampings, *self._attached, *self._wind, self._patterns,
-            self._table("factors", start, steps) if self._functions["factors"] else None,
-            *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if damped else None,
-            self._extremes, steps, start, self.instants.steps, first, last, self.saved, self._half_saved,
+            self.states, self.is_finite, self._spatial, self._shared, self._damping_factors, rates, self._attached, self._air,
+            loads, layout.Ends(*self._places, self._table("ends", start, steps)), layout.Block(start, steps),
+            layout.Record(self.instants.steps[saves], self.saved[:, saves], self._half_saved[:, saves]),
         )  # fmt: skip
         axes = (1, 2)
         with np.errstate(invalid="ignore"):

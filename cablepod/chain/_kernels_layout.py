@@ -1,9 +1,11 @@
-"""Rows of the state array of the explicit chain.
+"""Rows of the state array of the explicit chain, and arguments of its steps.
 
 Column j is particle j, or link j between the particles j and j + 1.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 X, Y, Z = range(3)  #: positions [m]
 VX, VY, VZ = range(3, 6)  #: velocities half a step before [m/s]; 0 at held ends
@@ -26,3 +28,69 @@ DRAG_PER_MASS = 39  #: PER_MASS times the drag of the cable at the particle over
 DRAG_X = 30  #: velocity increments by the drag [m/s], of the last three evaluations by turns; 0 at held ends
 ROWS = 40
 LINE = 8  #: numbers in a cache line
+
+
+class Shared(NamedTuple):
+    """Numbers that all chains of a call share."""
+
+    links: int
+    step: float  #: [s]
+    green: bool  #: law (21) in place of the linear one
+    extremes: bool  #: whether to update the extremes of the tensions
+
+
+class Rates(NamedTuple):
+    """Damping by the rates of the links; of one chain without the first dimension."""
+
+    viscosity: Any  #: of the links over their stiffness (chains,) [s], 0 without; by the linear law only
+    tension_damping: Any  #: damping by the tension (chains,) [s], 0 without
+    ends: Any  #: velocities of the moving ends at the steps from the first of a block on (chains, moving, steps + 1) [m/s]
+
+
+class Attached(NamedTuple):
+    """Dampers and springs; of one chain without the first dimension."""
+
+    particles: Any  #: (chains, attachments)
+    numbers: Any  #: (chains, attachments, COLUMNS), see :mod:`cablepod.chain._kernels_attached`
+
+
+class Air(NamedTuple):
+    """Wind on one chain."""
+
+    velocity: Any  #: of the air at the particles (samples, dims, n + 1) [m/s], linear between samples, from the start of the run
+    drag: Any  #: half the density of the air times drag coefficient and diameter [kg/m2], mean of the cable
+    bodies: Any  #: half the density of the air times drag area at the particles (n + 1,) [kg/m]; None without
+    samples_per_second: Any  #: [1/s]
+    hold: Any  #: number of steps from one evaluation of the drag to the next
+
+
+class Loads(NamedTuple):
+    """Time-dependent loads; of one chain without the first dimension."""
+
+    patterns: Any  #: velocity increments in a step at factor 1 (chains, loads, dims, n + 1) [m/s]
+    factors: Any  #: at the steps from the first of a block on (chains, loads, steps + 1 or more)
+
+
+class Ends(NamedTuple):
+    """Moving coordinates of the ends; positions of one chain without the first dimension."""
+
+    rows: Any  #: places in the state (moving,)
+    columns: Any  #: (moving,)
+    positions: Any  #: values at the steps from the first of a block on (chains, moving, steps + 1 or more) [m]
+
+
+class Block(NamedTuple):
+    """Steps to take."""
+
+    start: int  #: number of the first
+    steps: int
+
+
+class Record(NamedTuple):
+    """What is saved; of one chain without the first dimension."""
+
+    steps: Any  #: rising numbers of the steps to save (saves,), within a block
+    positions: Any  #: (chains, saves, dims, n + 1), filled
+    half_velocities: (
+        Any  #: half a step before and after (chains, saves or 0, 2, dims, n + 1), filled unless without room
+    )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.chain._kernels_explicit import green_strain, secant_modulus
+from cablepod.chain._kernels_law import green_strain, secant_modulus
 
 
 @compiled

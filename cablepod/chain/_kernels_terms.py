@@ -1,0 +1,172 @@
+"""Compiled terms of the explicit chain: forces of links, loads, predicted velocities and extremes of a state.
+
+The state of a run is one array with a row for each quantity, see :mod:`cablepod.chain._kernels_layout`; `spatial` is True with a
+third coordinate, None without.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cablepod._jit import compiled
+from cablepod.chain._kernels_layout import (
+    BX,
+    BY,
+    BZ,
+    FX,
+    FY,
+    FZ,
+    HIGH,
+    INVERSE,
+    LENGTH,
+    LOAD_X,
+    LOAD_Y,
+    LOAD_Z,
+    LOW,
+    STEADY_X,
+    STEADY_Y,
+    STEADY_Z,
+    STIFFNESS,
+    UX,
+    UY,
+    UZ,
+    VX,
+    VY,
+    VZ,
+    X,
+    Y,
+    Z,
+)
+
+
+@compiled(inline="always")
+def _elastic_forces(s, links, spatial):
+    """Compute forces of the links [N]: k (1 - l/|R|) R where |R| > l, else 0."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+        secant = s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+        secant = secant if secant > 0.0 else 0.0
+        s[FX, j + 1] = secant * dx
+        s[FY, j + 1] = secant * dy
+        if spatial is not None:
+            s[FZ, j + 1] = secant * dz
+
+
+@compiled(inline="always")
+def _green_forces(s, links, spatial):
+    """Compute forces of the links by law (21) [N]: k/2 (|R|^2/l^2 - 1) R."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+        secant = 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+        s[FX, j + 1] = secant * dx
+        s[FY, j + 1] = secant * dy
+        if spatial is not None:
+            s[FZ, j + 1] = secant * dz
+
+
+@compiled(inline="always")
+def _viscous_forces(s, links, viscosity, spatial):
+    """Compute forces of viscous links from the predicted velocities [N]; 0 for slack links."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        stretching = dx * (s[UX, j + 1] - s[UX, j]) + dy * (s[UY, j + 1] - s[UY, j])
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+            stretching += dz * (s[UZ, j + 1] - s[UZ, j])
+        elastic = s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+        total = elastic + viscosity * s[STIFFNESS, j] * stretching / square
+        secant = total if elastic > 0.0 and total > 0.0 else 0.0
+        s[FX, j + 1] = secant * dx
+        s[FY, j + 1] = secant * dy
+        if spatial is not None:
+            s[FZ, j + 1] = secant * dz
+
+
+@compiled(inline="always")
+def _add_tension_damping(s, links, tension_damping, spatial):
+    """Add the damping forces by the tension T [N], tension_damping T / |R| times the difference of the predicted velocities."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        along = s[FX, j + 1] * dx + s[FY, j + 1] * dy
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+            along += s[FZ, j + 1] * dz
+        damping = tension_damping * along / square if along > 0.0 else 0.0
+        s[FX, j + 1] += damping * (s[UX, j + 1] - s[UX, j])
+        s[FY, j + 1] += damping * (s[UY, j + 1] - s[UY, j])
+        if spatial is not None:
+            s[FZ, j + 1] += damping * (s[UZ, j + 1] - s[UZ, j])
+
+
+@compiled(inline="always")
+def _predict_velocities(s, links, spatial):
+    """Extrapolate the velocity at the step from the last two half steps, which preserves second order."""
+    for j in range(links + 1):
+        s[UX, j] = s[VX, j] + 0.5 * (s[VX, j] - s[BX, j])
+        s[UY, j] = s[VY, j] + 0.5 * (s[VY, j] - s[BY, j])
+        s[BX, j] = s[VX, j]
+        s[BY, j] = s[VY, j]
+        if spatial is not None:
+            s[UZ, j] = s[VZ, j] + 0.5 * (s[VZ, j] - s[BZ, j])
+            s[BZ, j] = s[VZ, j]
+
+
+@compiled(inline="always")
+def _load_increments(s, links, patterns, factors, i, spatial):
+    """Compute the velocity increments of step `i` by constant and time-dependent loads."""
+    factor = factors[0, i]
+    for j in range(links + 1):
+        s[LOAD_X, j] = s[STEADY_X, j] + factor * patterns[0, 0, j]
+        s[LOAD_Y, j] = s[STEADY_Y, j] + factor * patterns[0, 1, j]
+        if spatial is not None:
+            s[LOAD_Z, j] = s[STEADY_Z, j] + factor * patterns[0, 2, j]
+    for load in range(1, patterns.shape[0]):
+        factor = factors[load, i]
+        for j in range(links + 1):
+            s[LOAD_X, j] += factor * patterns[load, 0, j]
+            s[LOAD_Y, j] += factor * patterns[load, 1, j]
+            if spatial is not None:
+                s[LOAD_Z, j] += factor * patterns[load, 2, j]
+
+
+@compiled(inline="always")
+def _extremes(s, links, spatial):
+    """Update the extremes of T |T| by the linear law, whose forces have no compression."""
+    for j in range(links):
+        signed_tension_square = s[FX, j + 1] * s[FX, j + 1] + s[FY, j + 1] * s[FY, j + 1]
+        if spatial is not None:
+            signed_tension_square += s[FZ, j + 1] * s[FZ, j + 1]
+        s[LOW, j] = min(s[LOW, j], signed_tension_square)
+        s[HIGH, j] = max(s[HIGH, j], signed_tension_square)
+
+
+@compiled(inline="always")
+def _green_extremes(s, links, spatial):
+    """Update the extremes of T |T| by law (21), from the stretch, as the norm of a force has no sign."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+        secant = 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+        signed_tension_square = secant * abs(secant) * square
+        s[LOW, j] = min(s[LOW, j], signed_tension_square)
+        s[HIGH, j] = max(s[HIGH, j], signed_tension_square)
