@@ -12,8 +12,10 @@ from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, user_stacklevel
 from cablepod.mast._drive import drive_of
 from cablepod.mast._guys import GuyStatics, StaticGuy
+from cablepod.mast._kernels_layout import GuyEnds, StaticTerms, StaticWind
+from cablepod.mast._march import march, steps_of_breaks
 from cablepod.mast._model import ModalMast
-from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import drag_of, refined
 from cablepod.wind._mast_air import MastAir
@@ -93,38 +95,28 @@ class CatenaryGuys:
         SceneError
             For a step above the stability limit.
         """
-        from cablepod.mast import _kernels_catenary as kernel  # numba is imported only to compute
-
         mast, step, count = self.mast, request.step, len(self.guys)
         limit = np.pi / float(mast.omega[-1])
         if not step < limit:
             raise scene_error("step", step, f"below half of the shortest period of the mast, {limit:.6g} s")
-        drive = drive_of(mast, self.air, request)
+        drive, wind = drive_of(mast, self.air, request), None
         mass = np.array([guy.p.mass * guy.length / 3.0 for guy in self.guys])
-        matrices = mast.step_matrices_with(mass, step)
-        first, spacing, horizontal, vertical = self.tables
-        forces = GuyStatics(self.guys, mast.rest.upper).forces[:, [0, 2]]
-        reaction = None
+        forces = GuyStatics(self.guys, mast.rest.upper).forces.copy()
         if self.air is not None:
-            reaction = refined(self._reaction(self.air.velocity))
-            forces = forces + self._reaction(self.air.start[None])[0]
-        constant = drive.constant - np.einsum("gi,gia->a", forces, mast.guy_rows)
-        result = empty_trajectory(request, mast, drive.node_drag)
-        places = np.tile([np.inf, -np.inf], (count, 1))
+            wind = StaticWind(refined(self._reaction(self.air.velocity)), drive.refined_samples_per_step)
+            forces[:, [0, 2]] += self._reaction(self.air.start[None])[0]
+        first, spacing, horizontal, vertical = self.tables
+        places = np.repeat([[np.inf], [-np.inf]], count, axis=1)
         anchors = np.array([guy.p.lower[[0, 2]] for guy in self.guys]).reshape(-1, 2)
-        status, at, guy = kernel.catenary_run(
-            step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
-            np.zeros(len(mast.omega)), constant, mast.stiffness, mast.pulls(), matrices.keep, matrices.gain, mast.level_rows,
-            mast.level_rest, mast.level_of_guy, anchors, first, spacing, horizontal, vertical, mass, drive.load_vectors,
-            drive.factors, drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows,
-            drive.node_drag, drive.refined_samples_per_step, reaction, result.modal, result.rates, result.force,
-            result.tension, result.drag, result.level_extremes, result.level_sums, result.tension_extremes,
-            result.tension_sums, places,
+        result = march(
+            mast, request, mast.step_matrices_with(mass, step), drive,
+            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast, step), mass), forces,
+            static=StaticTerms(anchors, first, spacing, horizontal, vertical, places), guy_wind=wind,
         )  # fmt: skip
-        result.finish(status, at, guy, places)
+        status = result.status
         if count and not status:
-            self._warn_of_slack(first + spacing * places[:, 0])
-        if count and not status and (places[:, 0].min() < 0.0 or places[:, 1].max() > INTERVALS):
+            self._warn_of_slack(first + spacing * places[0])
+        if count and not status and (places[0].min() < 0.0 or places[1].max() > INTERVALS):
             warnings.warn(
                 f"a guy's end moved by more than {REACH:g} of the height, beyond the table of its force, which is a "
                 'straight line there; compare with guys="chain"',

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,20 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import scene_error
 from cablepod.mast._drive import drive_of
+from cablepod.mast._kernels_layout import (
+    BODY,
+    DRAG,
+    INVERSE_LENGTH,
+    LINK_STIFFNESS,
+    PER_MASS,
+    PLACE,
+    ChainTerms,
+    ChainWind,
+    GuyEnds,
+)
+from cablepod.mast._march import march, steps_of_breaks
 from cablepod.mast._model import ModalMast
-from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, drag_of, refined
@@ -38,7 +49,7 @@ def links_of(p: MastParameters) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ChainGuys:
-    """The guys of a mast as chains, of equal links but for guys with segments or attachments."""
+    """The guys of a mast as chains, all of the same number of links."""
 
     mast: ModalMast
     links: int
@@ -64,11 +75,6 @@ class ChainGuys:
         """Half the density of the air times drag coefficient and diameter of the guys [kg/m2]."""
         assert self.air is not None
         return np.array([drag_of(chain.p, self.air.density) for chain in self.chains])
-
-    @cached_property
-    def link_lengths(self) -> np.ndarray:
-        """Unstretched length of a link of each guy (guys,) [m]."""
-        return np.array([chain.total_length / self.links for chain in self.chains])
 
     @property
     def default_step(self) -> float:
@@ -114,32 +120,33 @@ class ChainGuys:
             result[g] = rest_shape(chain, None if self.air is None else self._airs[g])[0].T
         return result
 
-    def _unequal(self) -> Any:
-        """Return links and particles of guys with segments or attachments for the kernel; None without any."""
-        from cablepod.mast import _kernels_chain as kernel
-
-        if not self.has_things:
-            return None
-        count = len(self.chains)
-        links, particles = np.empty((count, 2, self.links)), np.zeros((count, 4, self.links + 1))
+    def _terms(self, limit: float) -> ChainTerms:
+        """Return links and particles at rest for the kernel, with the viscosity for a stability limit [s]."""
+        p, count, n = self.mast.rest.p, len(self.chains), self.links
+        links, particles = np.empty((count, 2, n)), np.zeros((count, 4, n + 1))
         attached = [AttachedForces.of(chain, x.T) for chain, x in zip(self.chains, self.rest, strict=True)]
         for g, chain in enumerate(self.chains):
-            links[g, kernel.LINK_STIFFNESS], links[g, kernel.LINK_LENGTH] = chain.axial_stiffness, chain.length
-            particles[g, kernel.PER_MASS] = 1.0 / chain.mass
-            particles[g, kernel.PLACE] = chain.arc_length / chain.total_length * (GUY_POINTS - 1.0)
+            links[g, LINK_STIFFNESS], links[g, INVERSE_LENGTH] = chain.axial_stiffness, 1.0 / chain.length
+            particles[g, PER_MASS] = 1.0 / chain.mass
+            particles[g, PLACE] = chain.arc_length / chain.total_length * (GUY_POINTS - 1.0)
             if self.air is not None:
                 bodies = self._airs[g].bodies
-                particles[g, kernel.DRAG], particles[g, kernel.BODY] = (
-                    self._airs[g].drags, 0.0 if bodies is None else bodies
-                )  # fmt: skip
+                particles[g, DRAG], particles[g, BODY] = self._airs[g].drags, 0.0 if bodies is None else bodies
         counts = [0 if own is None else own.particles.size for own in attached]
         acting = [own for own in attached if own is not None]
-        numbers = [own.numbers for own in acting]
-        return kernel.UnequalLinks(
-            links, particles, np.concatenate([[0], np.cumsum(counts)]),
-            np.concatenate([own.particles for own in acting]) if acting else np.zeros(0, dtype=np.int64),
-            np.concatenate(numbers) if numbers else np.zeros((0, 0)),
+        return ChainTerms(
+            self.rest.copy(), np.zeros_like(self.rest), self.rest[:, 1, -1].copy(), links, particles, self.end_mass,
+            np.concatenate([[0], np.cumsum(counts, dtype=int)]),
+            np.concatenate([np.zeros(0, dtype=int), *(own.particles for own in acting)]),
+            np.concatenate([own.numbers for own in acting]) if acting else np.zeros((0, 0)),
+            VISCOSITY * limit, p.gravity, p.mass_damping, np.zeros((3, n)), np.zeros((count, 3, n + 1)),
+            np.zeros((sum(counts), 2)),
         )  # fmt: skip
+
+    @cached_property
+    def end_mass(self) -> np.ndarray:
+        """Masses of the upper particles (guys,) [kg]."""
+        return np.array([chain.mass[-1] for chain in self.chains])
 
     def run(self, request: MastRequest) -> MastTrajectory:
         """Run from rest.
@@ -149,45 +156,24 @@ class ChainGuys:
         SceneError
             For a step above the stability limit.
         """
-        from cablepod.mast import _kernels_chain as kernel  # numba is imported only to compute
-
-        mast, step, count = self.mast, request.step, len(self.chains)
-        limit = self.step_limit
+        mast, step, limit = self.mast, request.step, self.step_limit
         if not step < limit:
             raise scene_error("step", step, f"below the stability limit of links, mast and drag, {limit:.6g} s")
-        hold = max(1, min(MAX_HOLD, int(min(MAX_HOLD_TIME, drag_step_limit(self.drag_rate)) / step)))
-        p = mast.rest.p
-        x = self.rest.copy()
-        mass = np.array([chain.p.mass for chain in self.chains]) * self.link_lengths
-        end_mass = 0.5 * mass
-        if self.has_things:
-            end_mass = np.array([chain.mass[-1] for chain in self.chains])
-        drive, matrices = drive_of(mast, self.air, request), mast.step_matrices_with(end_mass, step)
-        wind = drag = None
-        forces = np.zeros((count, 2))
+        drive, wind = drive_of(mast, self.air, request), None
         if self.air is not None:
-            wind, drag = refined(np.ascontiguousarray(self.air.of_guys(self.air.velocity))), self.drag
-        for g, chain in enumerate(self.chains):
-            upper = -chain.tensions_and_forces(x[g].T)[1][-1]
-            forces[g] = upper[[0, 2]] + (0.0 if self.air is None else self._top_drag(g, x[g])[[0, 2]])
-        constant = drive.constant - np.einsum("gi,gia->a", forces, mast.guy_rows)
-        breaks = [np.inf if guy.breaks is None else guy.breaks / step for guy in p.guys]
-        result = empty_trajectory(request, mast, drive.node_drag)
-        monitor = np.tile([np.inf, 0.0], (count, 1))
-        status, at, guy = kernel.chain_run(
-            step, request.every, request.steps, hold, np.array(request.window_steps), np.zeros(len(mast.omega)),
-            np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, mast.pulls(),
-            matrices.keep, matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
-            np.array([chain.p.stiffness for chain in self.chains]), self.link_lengths,
-            mass, end_mass, self._unequal(), VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks),
-            drive.load_vectors, drive.factors,
-            drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
-            drive.refined_samples_per_step, wind, drag, result.modal, result.rates, result.force,
-            result.tension, result.drag, result.level_extremes, result.level_sums, result.tension_extremes, result.tension_sums,
-            monitor,
+            hold = max(1, min(MAX_HOLD, int(min(MAX_HOLD_TIME, drag_step_limit(self.drag_rate)) / step)))
+            velocity = refined(np.ascontiguousarray(self.air.of_guys(self.air.velocity)))
+            wind = ChainWind(velocity, drive.refined_samples_per_step, hold)
+        forces = np.zeros((len(self.chains), 3))
+        for g, (chain, x) in enumerate(zip(self.chains, self.rest, strict=True)):
+            forces[g] = -chain.tensions_and_forces(x.T)[1][-1]
+            if self.air is not None:
+                forces[g] += self._top_drag(g, x)
+        return march(
+            mast, request, mast.step_matrices_with(self.end_mass, step), drive,
+            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast, step), self.end_mass), forces,
+            chains=self._terms(limit), guy_wind=wind,
         )  # fmt: skip
-        result.finish(status, at, guy, monitor)
-        return result
 
     def _top_drag(self, g: int, x: np.ndarray) -> np.ndarray:
         """Return the drag on the upper particle at rest (3,) [N]."""

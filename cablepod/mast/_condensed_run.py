@@ -1,19 +1,21 @@
-"""Run of a mast with condensed guys: arrays of the kernel, stability, start."""
+"""Run of a mast with condensed guys: start, stability, steps, energy."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
-from cablepod.mast._air import steady_along_guys
+from cablepod.mast._air import along_guys, steady_along_guys
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
-from cablepod.mast._condensed_lanes import Lanes, run_alone
-from cablepod.mast._drive import Drive
+from cablepod.mast._condensed_lanes import Lanes
+from cablepod.mast._drive import Drive, drive_of
+from cablepod.mast._kernels_layout import CondensedScheme, CondensedState, GuyEnds
+from cablepod.mast._march import constant_forces, march, steps_of_breaks
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared, with_guys
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT, drag_step_limit
@@ -56,31 +58,36 @@ class CondensedGuys:
     @cached_property
     def rest(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (guys, 2 r) at rest in the mean wind, and the forces on the mast there (guys, 3) [N]."""
+        guys, r = self.guys, self.rank
+        if not guys.count:
+            return np.empty((0, 2 * r)), np.empty((0, 3))
+        forces = self._forces_in_still_air if self.air is None else self._forces_in_mean_wind(self.air)
+        coordinates = guys.rest(guys.upper, lambda q: forces(q)[0])
+        on_q, on_mast = forces(coordinates)
+        shared = (guys.moments * on_q).reshape(-1, 2, r).sum(axis=2)
+        return coordinates, on_mast - np.einsum("gp,gpd->gd", shared, self.axes[:, 1:])
+
+    def _forces_in_still_air(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the forces on coordinates (guys, 2 r) and on the mast (guys, 3) [N]."""
+        return self.guys.forces(q, self.guys.upper)
+
+    def _forces_in_mean_wind(self, air: MastAir) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Return a function of the coordinates (guys, 2 r) that returns the same with drag."""
         from cablepod.mast import _kernels_condensed as kernel  # numba is imported only to compute
-        from cablepod.mast._kernels_guys import AT_X, AT_Z
 
         guys, lanes = self.guys, self.lanes
-        wind = None if self.air is None else steady_along_guys(self.air, self.drag_points, lanes.size)
-        ends = np.zeros((7, lanes.size))
-        ends[[AT_X, AT_Z], : guys.count] = guys.upper[:, [0, 2]].T
-        on_q, on_end = np.empty(lanes.kappa.shape), np.empty((3, lanes.size))
+        terms, wind = lanes.terms(), lanes.wind(np.empty((0, 0)))
+        state = CondensedState.of(np.zeros(terms.kappa.shape), np.zeros((0, 3, *terms.kappa.shape)))
+        wind.air[:] = steady_along_guys(air, self.drag_points, lanes.size).ravel()
+        state.stretch[: guys.count] = guys.frame(guys.upper)[0] / guys.length
 
-        def forces(q: np.ndarray) -> np.ndarray:
-            kernel.guy_forces(
-                lanes.numbers, lanes.terms, lanes.kappa, lanes.loads, lanes.tilt, lanes.lower, lanes.heights, ends,
-                lanes.coordinates(q), wind, *lanes.drag, lanes.axes, on_q, on_end,
-            )  # fmt: skip
-            return lanes.back(on_q)
+        def forces(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            state.q[:] = lanes.coordinates(q)
+            kernel.drag_at_rest(terms, state, wind)
+            on_q, on_mast = self._forces_in_still_air(q)
+            return on_q + lanes.back(wind.held_q), on_mast + wind.held[:, : guys.count].T
 
-        coordinates = guys.rest(guys.upper, forces) if guys.count else np.empty((0, 2 * self.rank))
-        if not guys.count:
-            return coordinates, np.empty((0, 3))
-        shared = guys.moments * forces(coordinates)
-        on_mast = on_end[:, : guys.count].T.copy()
-        for part in range(2):
-            own = shared[:, part * self.rank : (part + 1) * self.rank].sum(axis=1)
-            on_mast -= own[:, None] * self.axes[:, 1 + part]
-        return coordinates, on_mast
+        return forces
 
     @cached_property
     def damping(self) -> np.ndarray:
@@ -93,7 +100,7 @@ class CondensedGuys:
 
     @cached_property
     def lanes(self) -> Lanes:
-        """Arrays of the kernel."""
+        """Arrays of the kernels."""
         return Lanes(self)
 
     @property
@@ -193,20 +200,28 @@ class CondensedGuys:
         of_mast = self.mast.omega[-1] ** 2 if not len(tangents) else 0.0
         return float(np.sqrt(np.linalg.eigvalsh(tangents).max(initial=of_mast)))
 
-    def finished(
-        self,
-        result: MastTrajectory,
-        saved: np.ndarray,
-        matrices: StepMatrices,
-        fitted: np.ndarray,
-        drive: Drive,
-        constant: Any,
-    ) -> MastTrajectory:
-        """Add positions of the guys and energy, for saved coordinates and rates (outputs, 3, guys, 2 r)."""
-        if result.request.keeps_guys:
-            result.guy_position = self._positions(result, saved[:, 0])
-        if result.request.energy:
-            result.energy = self._energy(result, matrices, fitted, constant, drive.factors, result.request, saved)
+    def run(self, request: MastRequest, air: MastAir | None, hold: int) -> MastTrajectory:
+        """Run from rest in the air of a run, with drag held over a number of steps."""
+        mast, lanes, step = self.mast, self.lanes, request.step
+        matrices, fitted = self.scheme(step)
+        half = 0.5 * mast.rest.p.mass_damping * step
+        scheme = CondensedScheme(
+            (1.0 - half) / (1.0 + half), lanes.coordinates(step * fitted / (1.0 + half)), lanes.damping(step, fitted)
+        )
+        # momentum coordinates are the deflections at the displacement of rest
+        p = lanes.coordinates(self.rest[0])
+        saved = np.zeros((request.outputs_count if request.energy or request.keeps_guys else 0, 3, *p.shape))
+        drive = drive_of(mast, air, request)
+        result = march(
+            mast, request, matrices, drive, GuyEnds.of(mast.level_of_guy, steps_of_breaks(mast, step), lanes.end_mass),
+            self.rest[1], hold=hold, condensed=(lanes.terms(fitted), scheme, CondensedState.of(p, saved)),
+            guy_wind=None if air is None else lanes.wind(along_guys(air, self.drag_points, lanes.size)),
+        )  # fmt: skip
+        states = lanes.back(saved)
+        if request.keeps_guys:
+            result.guy_position = self._positions(result, states[:, 0])
+        if request.energy:
+            result.energy = self._energy(result, matrices, fitted, drive, states)
         return result
 
     def _positions(self, result: MastTrajectory, q: np.ndarray) -> np.ndarray:
@@ -228,27 +243,27 @@ class CondensedGuys:
 
     def _broken(self, request: MastRequest) -> np.ndarray:
         """Tell which guys are broken at the outputs, as the kernel does (outputs, guys)."""
-        breaks = [np.inf if guy.breaks is None else guy.breaks / request.step for guy in self.mast.rest.p.guys]
-        return request.every * np.arange(request.outputs_count)[:, None] >= np.array(breaks)
+        return request.every * np.arange(request.outputs_count)[:, None] >= steps_of_breaks(self.mast, request.step)
 
     def _energy(
-        self, result: MastTrajectory, matrices: StepMatrices, fitted: np.ndarray, constant: np.ndarray, factors: Any,
-        request: MastRequest, saved: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
-        """Return kinetic and potential energy at the outputs, less that at rest; broken guys have none [J]."""
-        mast = self.mast
+        self, result: MastTrajectory, matrices: StepMatrices, fitted: np.ndarray, drive: Drive, saved: np.ndarray
+    ) -> np.ndarray:
+        """Return kinetic and potential energy at the outputs, less that at rest; broken guys have none [J].
+
+        `saved` has coordinates and their rates half a step before and after (outputs, 3, guys, 2 r).
+        """
+        mast, request = self.mast, result.request
         before, after = result.rates[:, 0], result.rates[:, 1]
         kinetic = 0.5 * np.einsum("ta,ab,tb->t", before, matrices.fitted_mass, after)
         kinetic += 0.5 * np.einsum("tgi,tgi,gi->t", saved[:, 1], saved[:, 2], 1.0 / fitted)
-        geometric, geometric_rest, _, _, _ = mast.pulls()
+        geometric, geometric_rest = mast.pull_stiffness, mast.pull_at_rest
         pull = -np.bincount(
             mast.level_of_guy, self.rest[1][:, 1], len(mast.heights)
         )  # which the energy of the guys has
         stiffness = mast.stiffness - np.tensordot(pull, geometric, 1)
         potential = 0.5 * np.einsum("ta,ab,tb->t", result.modal, stiffness, result.modal)
-        potential -= result.modal @ (constant + pull @ geometric_rest)
-        if factors is not None:
-            potential -= np.einsum("ta,na,nt->t", result.modal, mast.load_vectors, factors[:, :: request.every])
+        potential -= result.modal @ (constant_forces(mast, drive, self.rest[1]) + pull @ geometric_rest)
+        potential -= np.einsum("ta,na,nt->t", result.modal, drive.loads.vectors, drive.loads.factors[:, :: request.every])
         ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
         at_rest, holds = self.guys.energy(self.rest[0], self.guys.upper).sum(), ~self._broken(request)
         for t in range(len(result.modal)):
@@ -303,20 +318,11 @@ class CondensedRun:
         SceneError
             For a step above the stability limit.
         """
-        return run_alone(self, request)
-
-    def checked_scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
-        """Return the matrices of the mast and the fitted factors of the guys.
-
-        Raises
-        ------
-        SceneError
-            For a step above the stability limit.
-        """
+        step = request.step
         if not (self.model.has_phases_below(step, 4.0) and step < self.drag_limit):
             raise scene_error(
                 "step",
                 step,
                 f"below the stability limit of mast, guys and drag on them; try: {self.default_step:.4g} s",
             )
-        return self.model.scheme(step)
+        return self.model.run(request, self.air, self.steps_of_drag(step))

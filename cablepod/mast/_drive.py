@@ -2,51 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cablepod.mast._air import at_nodes, time_weights
+from cablepod.mast._kernels_layout import TAPS, Loads, MastWind
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest
 from cablepod.wind._mast_air import MastAir
 
 
 class Drive(NamedTuple):
-    """Arrays of the kernels; None for what a scene lacks."""
+    """Loads and air of a run."""
 
     constant: np.ndarray  #: modal forces that balance loads and drag on the mast at rest (modes,)
-    load_vectors: Any  #: (loads, modes)
-    factors: Any  #: (loads, steps + 1)
-    samples_per_step: float
-    table: Any  #: weights of the samples of the air, see :func:`cablepod.mast._air.time_weights`
-    mast_wind: Any  #: at the nodes but the foot in x, then in z (samples, 2 nodes) [m/s]
-    node_columns: Any  #: displacement of what the nodes carry by the modes (2, modes, nodes)
-    node_rows: Any  #: the same (2, nodes, modes)
-    node_drag: Any  #: (nodes,) [kg/m]
+    loads: Loads
+    wind: MastWind | None  #: None in still air
 
     @property
     def refined_samples_per_step(self) -> float:
         """Samples of :func:`cablepod.wind._air.refined` velocities in a step."""
-        return self.samples_per_step * (0 if self.table is None else len(self.table))
+        return 0.0 if self.wind is None else self.wind.samples_per_step * len(self.wind.table)
 
 
 def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Drive:
     """Make the arrays of a run."""
-    factors = request.factors(mast.rest.p.loads)
-    constant = np.zeros(len(mast.omega))
-    if factors is not None:
-        constant -= factors[:, 0] @ mast.load_vectors
-    vectors = None if factors is None else mast.load_vectors
+    factors, modes = request.factors(mast.rest.p.loads), len(mast.omega)
+    loads = Loads(mast.load_vectors if len(factors) else np.empty((0, modes)), factors)
+    constant = -factors[:, 0] @ loads.vectors
     if air is None:
-        return Drive(constant, vectors, factors, 0.0, None, None, None, None, None)
+        return Drive(constant, loads, None)
     height, of_mast = mast.rest.beam.height, mast.rest.drag
     drag, by_modes = 0.5 * air.density * of_mast.areas, of_mast.rows @ mast.modes
     constant -= np.einsum("nd,nda->a", of_mast.at_rest, by_modes)
-    wind = at_nodes(air, of_mast)  # the foot carries no drag
-    drag = np.pad(drag[1:], (0, wind.shape[1] // 2 - drag.size + 1))
-    samples = request.step * air.samples_per_second
-    rows = np.zeros((2, wind.shape[1] // 2, len(mast.omega)))
+    velocity = at_nodes(air, of_mast)  # the foot carries no drag
+    nodes = velocity.shape[1] // 2
+    rows = np.zeros((2, nodes, modes))
     rows[:, : height.size - 1] = np.swapaxes(by_modes[1:], 0, 1)
-    columns = np.ascontiguousarray(np.swapaxes(rows, 1, 2))
-    return Drive(constant, vectors, factors, samples, time_weights(len(wind)), wind, columns, rows, drag)
+    wind = MastWind(
+        request.step * air.samples_per_second, time_weights(len(velocity)), velocity,
+        np.ascontiguousarray(np.swapaxes(rows, 1, 2)), rows, np.pad(drag[1:], (0, nodes - drag.size + 1)), np.zeros(TAPS),
+        np.zeros(2 * nodes), np.zeros(nodes), np.zeros(nodes), np.zeros(modes),
+    )  # fmt: skip
+    return Drive(constant, loads, wind)

@@ -1,7 +1,16 @@
-"""Compiled run of a mast with condensed guys: one loop for the mast and all guys, which lie abreast in lanes.
+"""Compiled terms of condensed guys, which lie abreast in lanes: deflections, forces, drag, steps.
 
-Terms of the guys are those of :mod:`cablepod.mast._kernels_guys`.  The mass matrix of their coordinates p and of the modal
-coordinates of the mast is constant and block diagonal, so that no step has an iteration.
+A guy has the coordinates p = q + m n.u, with the deflections q in and out of its vertical plane and the displacement u of its
+upper end.  The mass matrix of p and of the modal coordinates of the mast is constant and block diagonal, so that no step has an
+iteration.  The energy of a guy, its chord c = |upper - lower| and its load g along it give the forces, closure and drag being
+those of the condensed model,
+
+    H = K (c/L - 1) + K/(2 L) (1 - 2 e) sum of kappa q^2,    F_i = -((1 - 2 e) H + e N0) kappa_i q_i - g (B q)_i + h P_i,
+
+and the force H e + (q.B q h/2 + P.q g) n/c + half of the weight on its upper end at fixed q.
+
+Guys are the last dimension of their arrays, padded to whole groups of lanes.  Loops over them write to arrays of which they read
+no other row, so that they become a few instructions; modes are padded to multiples of four, which are taken together.
 """
 
 from __future__ import annotations
@@ -10,398 +19,278 @@ import math
 
 import numpy as np
 
-from cablepod._jit import FAST_DIVISION, REORDERED_FUSED, compiled
-from cablepod.mast._kernels_guys import (
-    AT_X,
-    AT_Z,
+from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.condensed._kernels_drag import _spatial_law
+from cablepod.condensed._kernels_terms import _chord_tensions
+from cablepod.mast._kernels_layout import (
+    DIVERGED,
+    DONE,
     LARGEST_KAPPA,
     LENGTH,
     RATE_X,
     RATE_Z,
+    SCALE,
+    SLOPE_SCALE,
+    SOFTENING,
+    STIFFENING,
+    STIFFNESS,
+    UNSTABLE,
+    WEIGHT,
     X,
     Y,
     Z,
-    _advance_guys,
-    _axes,
-    _deflections,
-    _guy_drag,
-    _guy_forces,
-    _hand_over,
-    _own_rates,
-    _sizes_of,
-)
-from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
-from cablepod.mast._kernels_mast import (
-    TAPS,
-    _add_loads,
-    _add_mast_drag,
-    _advance_mast,
-    _air_work,
-    _interpolate,
-    _is_finite,
-    _lower_levels,
-    _move_ends,
-    _sample_weights,
-    _save_drag,
 )
 
-DONE, DIVERGED, UNSTABLE = range(3)
+
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _place_guys(of_guys, guys, mast, beam, state):
+    """Fill the upper ends with their rates, the axes along the chords and normal to them, and the deflections q = p - m n.u."""
+    ends, axes, moved, chord, lanes = state.ends, of_guys.axes, state.moved, state.chord, state.chord.size
+    for g in range(guys.level.size):
+        n = guys.level[g]
+        ends[X, g] = mast.upper[2 * n] - beam.level_rest[n, 0]
+        ends[Y, g] = mast.lowered[n]
+        ends[Z, g] = mast.upper[2 * n + 1] - beam.level_rest[n, 1]
+        ends[RATE_X, g] = mast.upper_rate[n, 0]
+        ends[RATE_Z, g] = mast.upper_rate[n, 1]
+    for g in range(lanes):
+        x, y, z = of_guys.reach[0, g] - ends[X, g], of_guys.reach[1, g] - ends[Y, g], of_guys.reach[2, g] - ends[Z, g]
+        size = math.sqrt(x * x + y * y + z * z)
+        inverse = 1.0 / size
+        chord[g] = size
+        state.stretch[g] = size / of_guys.numbers[LENGTH, g]
+        x *= inverse
+        y *= inverse
+        z *= inverse
+        square = x * x + z * z
+        beside = square > 1e-24
+        level = math.sqrt(square) if beside else 1.0  # the vertical component of the normal; 0 along the mast
+        turn = -y / level
+        state.axis_x[g] = x
+        state.axis_y[g] = y
+        state.axis_z[g] = z
+        state.level[g] = level if beside else 0.0
+        state.normal_x[g] = turn * x if beside else 1.0
+        state.normal_z[g] = turn * z if beside else 0.0
+    for part in range(2):
+        k = 3 + 3 * part
+        for g in range(lanes):
+            moved[part, g] = axes[k, g] * ends[X, g] + axes[k + 1, g] * ends[Y, g] + axes[k + 2, g] * ends[Z, g]
+        for i in range(state.q.shape[1]):
+            for g in range(lanes):
+                state.q[part, i, g] = state.p[part, i, g] - of_guys.moments[part, i, g] * moved[part, g]
 
 
-@compiled(forceinline=True)
-def _rows(lanes, points):
-    """Return work arrays of a step (lanes,): axes, terms of the forces, terms of the drag, and others."""
-    axes = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
-    terms = (
-        np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _guy_forces(of_guys, state, on_mast):
+    """Fill forces on the coordinates (2, r, lanes) and on the mast (3, lanes) [N], H [N] and the stiffness of the sag [1/s2]."""
+    numbers, kappa, loads, tilt = of_guys.numbers, of_guys.kappa, of_guys.loads, of_guys.tilt
+    q, tension, sag, straight, along, normal = (
+        state.q, state.tension, state.sag, state.straight, state.along, state.normal
     )  # fmt: skip
-    of_drag = (
-        np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes),
-        np.zeros((points, lanes)), np.zeros((points, lanes)), np.zeros((points, lanes)),
-    )  # fmt: skip
-    others = (
-        np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes), np.zeros(lanes),
-        np.zeros(lanes), np.zeros(lanes),
-    )  # fmt: skip
-    return axes, terms, of_drag, others
+    quadratic, linear, tilted = state.quadratic, state.linear, state.tilted
+    r, lanes = q.shape[1], q.shape[2]
+    _chord_tensions(of_guys.sizes, of_guys.terms, state.chord, 0, q.reshape(q.size), tension)
+    for g in range(lanes):
+        straight[g] = -(tension[g] * numbers[SOFTENING, g] + numbers[STIFFENING, g])
+        along[g] = numbers[WEIGHT, g] * state.axis_y[g]  # minus the load along the chord
+        normal[g] = -numbers[WEIGHT, g] * state.level[g]  # the load across it
+        sag[g] = 0.0
+        quadratic[g] = 0.0
+        linear[g] = 0.0
+    for part in range(2):
+        for i in range(r):
+            for j in range(0, r, 4):
+                kept = 1.0 if j > 0 else 0.0
+                for g in range(lanes):
+                    tilted[g] = kept * tilted[g] + (
+                        tilt[part, i, j] * q[part, j, g] + tilt[part, i, j + 1] * q[part, j + 1, g]
+                        + tilt[part, i, j + 2] * q[part, j + 2, g] + tilt[part, i, j + 3] * q[part, j + 3, g]
+                    )  # fmt: skip
+            for g in range(lanes):
+                turned = numbers[SCALE, g] * numbers[SCALE, g] * tilted[g]
+                x, bent = q[part, i, g], kappa[part, i, g] * q[part, i, g]
+                state.on_q[part, i, g] = straight[g] * bent + along[g] * turned + normal[g] * loads[part, i, g]
+                sag[g] += bent * bent
+                quadratic[g] += x * turned
+                linear[g] += x * loads[part, i, g]
+    for g in range(lanes):
+        turning = (0.5 * quadratic[g] * normal[g] - linear[g] * along[g]) / state.chord[g]
+        on_mast[0, g] = tension[g] * state.axis_x[g] + turning * state.normal_x[g]
+        on_mast[1, g] = (
+            tension[g] * state.axis_y[g] + turning * state.level[g] - 0.5 * numbers[WEIGHT, g] * numbers[LENGTH, g]
+        )
+        on_mast[2, g] = tension[g] * state.axis_z[g] + turning * state.normal_z[g]
+        sag[g] *= numbers[STIFFNESS, g] / numbers[LENGTH, g]
 
 
-@compiled
-def guy_forces(
-    numbers, terms, kappa, loads, tilt, lower, heights, ends, q, wind, drag, sigma, shapes, slopes, rest_axes, on_q, on_end
-):  # fmt: skip
-    """Fill forces of guys whose deflections do not move, with drag unless `wind` is None.
-
-    Arrays as in :func:`condensed_run`; `wind` is (points, 3, lanes) [m/s]; `q` and `on_q` (2, r, lanes), `on_end` (3, lanes).
-    """
-    axes, work, of_drag, others = _rows(q.shape[2], 0 if sigma is None else sigma.size)
-    chord, stretch, tension, sag, end_along, end_normal, end_binormal, _, _ = others
-    _axes(ends, lower, heights, numbers[LENGTH], axes, chord, stretch)
-    _guy_forces(
-        numbers, _sizes_of(q), terms, kappa[0], kappa[1], loads[0], tilt, q.reshape(q.size), q[0], q[1], axes, chord, work,
-        tension, sag, on_q[0], on_q[1], on_end[0], on_end[1], on_end[2],
-    )  # fmt: skip
-    if wind is not None:
-        still = np.zeros(q.shape)
-        _guy_drag(
-            q[0], q[1], still[0], still[1], wind, drag, sigma, shapes, slopes, numbers, rest_axes, end_along, end_normal,
-            end_binormal, stretch, of_drag, on_q[0], on_q[1], on_end[0], on_end[1], on_end[2],
-        )  # fmt: skip
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _fill_own_rates(ahead, of_guys, state):
+    """Fill rates of the ends along the chords (lanes,), of the deflections (2, r, lanes) `ahead` steps after the last."""
+    axes, ends, moved, own, lanes = of_guys.axes, state.ends, state.moved, state.own, state.chord.size
+    for g in range(lanes):
+        state.end_along[g] = axes[0, g] * ends[RATE_X, g] + axes[2, g] * ends[RATE_Z, g]
+    for part in range(2):
+        k = 3 + 3 * part
+        for g in range(lanes):
+            moved[part, g] = axes[k, g] * ends[RATE_X, g] + axes[k + 2, g] * ends[RATE_Z, g]
+        for i in range(own.shape[1]):
+            for g in range(lanes):
+                own[part, i, g] = (
+                    (1.0 + ahead) * state.rates[part, i, g] - ahead * state.before[part, i, g]
+                    - of_guys.moments[part, i, g] * moved[part, g]
+                )  # fmt: skip
 
 
-@compiled(counted=False, fastmath=REORDERED_FUSED)
-def _begin_mast(
-    k, fresh, ahead, a, v, before, held, constant, load_vectors, factors, air, node_columns, node_rows, node_drag, x, z,
-    level_rows, level_rest, pulls, guy_level, mean_rate, force, upper, upper_rate, ends,
-):  # fmt: skip
-    """Fill modal forces of loads and drag at step `k`, displacements and rates of the levels and of the guys' ends."""
-    for i in range(a.size):
-        force[i] = constant[i]
-        mean_rate[i] = (1.0 + ahead) * v[i] - ahead * before[i]
-    if factors is not None:
-        _add_loads(k, load_vectors, factors, force)
-    _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
-    _lower_levels(a, pulls[0], pulls[1], pulls[2], pulls[3])
-    if air is not None:
-        if fresh:
-            for i in range(a.size):
-                held[i] = 0.0
-            _add_mast_drag(mean_rate, air, node_columns, node_rows, node_drag, x, z, held)
-        for i in range(a.size):
-            force[i] += held[i]
-    for g in range(guy_level.size):
-        n = guy_level[g]
-        ends[X, g] = upper[n, 0] - level_rest[n, 0]
-        ends[Y, g] = pulls[3][n]
-        ends[Z, g] = upper[n, 1] - level_rest[n, 1]
-        ends[AT_X, g], ends[AT_Z, g] = upper[n, 0], upper[n, 1]
-        ends[RATE_X, g], ends[RATE_Z, g] = upper_rate[n, 0], upper_rate[n, 1]
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _fill_drag(of_guys, state, wind):
+    """Fill the drag on coordinates and mast that is held, of deflections and their rates relative to the chord."""
+    numbers, axes, stretch = of_guys.numbers, of_guys.axes, state.stretch
+    q, own, shapes, slopes, sigma, air = state.q, state.own, wind.shapes, wind.slopes, wind.sigma, wind.air
+    slope, rate, chordwise, across, sums = wind.slope, wind.rate, wind.chordwise, wind.across, wind.sums
+    r, lanes, points = q.shape[1], q.shape[2], sigma.size
+    for k in range(points):
+        for part in range(2):
+            for i in range(0, r, 4):
+                kept = 1.0 if i > 0 else 0.0
+                for g in range(lanes):
+                    slope[part, g] = kept * slope[part, g] + (
+                        slopes[part, k, i] * q[part, i, g] + slopes[part, k, i + 1] * q[part, i + 1, g]
+                        + slopes[part, k, i + 2] * q[part, i + 2, g] + slopes[part, k, i + 3] * q[part, i + 3, g]
+                    )  # fmt: skip
+                    rate[part, g] = kept * rate[part, g] + (
+                        shapes[part, k, i] * own[part, i, g] + shapes[part, k, i + 1] * own[part, i + 1, g]
+                        + shapes[part, k, i + 2] * own[part, i + 2, g] + shapes[part, k, i + 3] * own[part, i + 3, g]
+                    )  # fmt: skip
+        for g in range(lanes):
+            scale = numbers[SCALE, g]
+            a, b = slope[0, g] * numbers[SLOPE_SCALE, g], slope[1, g] * numbers[SLOPE_SCALE, g]
+            x, y, z = air[3 * k * lanes + g], air[(3 * k + 1) * lanes + g], air[(3 * k + 2) * lanes + g]
+            u = axes[0, g] * x + axes[1, g] * y + axes[2, g] * z - sigma[k] * state.end_along[g]
+            v = axes[3, g] * x + axes[4, g] * y + axes[5, g] * z - sigma[k] * state.moved[0, g] - scale * rate[0, g]
+            w = axes[6, g] * x + axes[7, g] * y + axes[8, g] * z - sigma[k] * state.moved[1, g] - scale * rate[1, g]
+            # the tangent points from the anchor to the mast, the first axis the other way
+            square = stretch[g] * stretch[g] + a * a + b * b
+            u, v, w = _spatial_law(wind.drag[k, g], -stretch[g], square, u, v, w, a, b)
+            chordwise[k, g] = u
+            across[0, k, g] = v
+            across[1, k, g] = w
+    for part in range(2):
+        for i in range(r):
+            for k in range(0, points, 2):
+                kept = 1.0 if k > 0 else 0.0
+                for g in range(lanes):
+                    wind.held_q[part, i, g] = kept * wind.held_q[part, i, g] + numbers[SCALE, g] * (
+                        shapes[part, k, i] * across[part, k, g] + shapes[part, k + 1, i] * across[part, k + 1, g]
+                    )
+        for k in range(0, points, 2):
+            kept = 1.0 if k > 0 else 0.0
+            for g in range(lanes):
+                sums[1 + part, g] = kept * sums[1 + part, g] + (
+                    sigma[k] * across[part, k, g] + sigma[k + 1] * across[part, k + 1, g]
+                )
+    for k in range(0, points, 2):
+        kept = 1.0 if k > 0 else 0.0
+        for g in range(lanes):
+            sums[0, g] = kept * sums[0, g] + sigma[k] * chordwise[k, g] + sigma[k + 1] * chordwise[k + 1, g]
+    for d in range(3):
+        for g in range(lanes):
+            wind.held[d, g] = sums[0, g] * axes[d, g] + sums[1, g] * axes[3 + d, g] + sums[2, g] * axes[6 + d, g]
 
 
-@compiled(counted=False, fastmath=FAST_DIVISION)
-def _advance(
-    first, step, a, v, before, force, stiffness, pulls, keep, gain, level_rows, guy_level, on_end, level_force, acceleration,
-    at_guys
-):  # fmt: skip
-    """Advance the rates of the mast by the forces of its guys; fill accelerations in x and z of the guys' ends."""
-    for n in range(level_force.shape[0]):
-        level_force[n, 0] = level_force[n, 1] = level_force[n, 2] = 0.0
-    for g in range(guy_level.size):
-        n = guy_level[g]
-        level_force[n, 0] += on_end[0, g]
-        level_force[n, 1] += on_end[2, g]
-        level_force[n, 2] += on_end[1, g]
-    _advance_mast(
-        first, step, a, v, before, force, stiffness, pulls[2], pulls[4], keep, gain, level_rows, level_force, acceleration
-    )  # fmt: skip
-    for g in range(guy_level.size):
-        n = guy_level[g]
-        at_guys[0, g], at_guys[1, g] = acceleration[n, 0], acceleration[n, 1]
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _add_drag(state, wind, on_mast):
+    """Add the drag that is held to the forces on the coordinates and on the mast."""
+    for part in range(2):
+        for i in range(state.on_q.shape[1]):
+            for g in range(state.chord.size):
+                state.on_q[part, i, g] += wind.held_q[part, i, g]
+    for d in range(3):
+        for g in range(state.chord.size):
+            on_mast[d, g] += wind.held[d, g]
 
 
-@compiled(noalias=True, forceinline=True, fastmath=FAST_DIVISION)
-def _take_inertia(end_mass, acceleration, on_x, on_y, on_z, tension):
-    """Take the inertia of the upper ends from the forces on them (lanes,) [N]; fill the tensions."""
+@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION)
+def drag_at_rest(of_guys, state, wind):
+    """Fill the drag on guys whose deflections, upper ends and air are given; nothing moves."""
+    _fill_drag(of_guys, state, wind)
+
+
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _watch(k, step, of_guys, state, guys):
+    """Update least H and its steps; return status and guy, where the squared frequency of one is not below its limit."""
+    tension, sag, kappa, least = state.tension, state.sag, of_guys.numbers, guys.least
+    limit, beyond = 4.0 / (step * step), 0.0
+    for g in range(guys.breaks.size):
+        if k >= guys.breaks[g]:  # no longer watched
+            tension[g] = least[g]
+            sag[g] = 0.0
     for g in range(tension.size):
-        x, z = acceleration[0, g], acceleration[1, g]
-        u = on_x[g] - (end_mass[0, g] * x + end_mass[1, g] * z)
-        v = on_y[g] - (end_mass[2, g] * x + end_mass[3, g] * z)
-        w = on_z[g] - (end_mass[4, g] * x + end_mass[5, g] * z)
-        on_x[g] = u
-        on_y[g] = v
-        on_z[g] = w
-        tension[g] = math.sqrt(u * u + v * v + w * w)
-
-
-@compiled(noalias=True, forceinline=True)
-def _record_rows(k, values, least, largest, least_step, largest_step, total, squares):
-    """Update extremes, the steps of them, sums and sums of squares of values."""
-    for g in range(values.size):
-        x = values[g]
-        less, more = x < least[g], x > largest[g]
-        least[g] = x if less else least[g]
-        least_step[g] = k if less else least_step[g]
-        largest[g] = x if more else largest[g]
-        largest_step[g] = k if more else largest_step[g]
-        total[g] += x
-        squares[g] += x * x
-
-
-@compiled(noalias=True, forceinline=True)
-def _watch(k, largest, chordwise, sag, kappa, least, least_step):
-    """Update least H and its steps (lanes,); tell whether the squared frequency of a guy is not below its limit [1/s2]."""
-    beyond = 0.0
-    for g in range(chordwise.size):
-        force = chordwise[g]
-        less = force < least[g]
-        least[g] = force if less else least[g]
-        least_step[g] = k if less else least_step[g]
-        beyond += 0.0 if abs(force) * kappa[g] + sag[g] < largest else 1.0
-    return beyond > 0.0
-
-
-@compiled(forceinline=True)
-def _release(k, breaks, rates, on_q, on_end, chordwise, sag, least):
-    """Take guys that are broken at step `k` out: they rest, carry no force, and are not watched."""
-    for g in range(breaks.size):
-        if k >= breaks[g]:
-            for j in range(on_q.shape[0]):
-                for i in range(on_q.shape[1]):
-                    on_q[j, i, g] = rates[j, i, g] = 0.0
-            on_end[0, g] = on_end[1, g] = on_end[2, g] = 0.0
-            chordwise[g], sag[g] = least[g], 0.0
-
-
-@compiled(forceinline=True)
-def _stopped_by(largest, chordwise, sag, kappa, guys):
-    """Return the status and the guy that has left the stable range or the finite numbers."""
-    for g in range(guys):
-        if not abs(chordwise[g]) * kappa[g] + sag[g] < largest:
-            return UNSTABLE if abs(chordwise[g]) < np.inf else DIVERGED, g
+        less = tension[g] < least[g]
+        least[g] = tension[g] if less else least[g]
+        guys.least_step[g] = k if less else guys.least_step[g]
+        beyond += 0.0 if abs(tension[g]) * kappa[LARGEST_KAPPA, g] + sag[g] < limit else 1.0
+    if beyond > 0.0:
+        for g in range(guys.breaks.size):
+            if not abs(tension[g]) * kappa[LARGEST_KAPPA, g] + sag[g] < limit:
+                return UNSTABLE if abs(tension[g]) < np.inf else DIVERGED, g
     return DONE, 0
 
 
-@compiled(noalias=True, forceinline=True)
-def _save(row, a, v, before, on_end, tension, saved, saved_rates, saved_force, saved_tension):
-    """Save the state at an output."""
-    for i in range(a.size):
-        saved[row, i] = a[i]
-        saved_rates[row, 0, i], saved_rates[row, 1, i] = before[i], v[i]
-    for g in range(saved_tension.shape[1]):
-        saved_tension[row, g] = tension[g]
-        for d in range(3):
-            saved_force[row, g, d] = on_end[d, g]
-
-
-@compiled(noalias=True, counted=False, forceinline=True)
-def _clear(held_q, held_end):
-    """Clear the drag that is held."""
-    for j in range(held_q.shape[0]):
-        for i in range(held_q.shape[1]):
-            for g in range(held_q.shape[2]):
-                held_q[j, i, g] = 0.0
-    for d in range(3):
-        for g in range(held_end.shape[1]):
-            held_end[d, g] = 0.0
-
-
-@compiled(noalias=True, counted=False, forceinline=True)
-def _add(held_q, held_end, on_q, on_end):
-    """Add the drag that is held to the forces on the guys."""
-    for j in range(on_q.shape[0]):
-        for i in range(on_q.shape[1]):
-            for g in range(on_q.shape[2]):
-                on_q[j, i, g] += held_q[j, i, g]
-    for d in range(3):
-        for g in range(on_end.shape[1]):
-            on_end[d, g] += held_end[d, g]
-
-
-@compiled(counted=False, fastmath=FAST_DIVISION)
-def _damp(guy_damping, own, on_q, undamped):
-    """Change the forces f on the coordinates (2, r, lanes) into A (f - D u), with rates u of deflections half a step before.
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _damp(damping, own, on_q, damped):
+    """Change the forces f on the coordinates into A (f - D u), with rates u of deflections half a step before.
 
     With A = (1 + step / 2 D F)^-1 and the fitted factors F the damping is that of the mean rates of the step.
     """
+    r, lanes = on_q.shape[1], on_q.shape[2]
     for part in range(2):
-        for i in range(on_q.shape[1]):
-            for g in range(on_q.shape[2]):
-                undamped[part, i, g] = on_q[part, i, g]
-            for j in range(on_q.shape[1]):
-                for g in range(on_q.shape[2]):
-                    undamped[part, i, g] -= guy_damping[0, part, i, j, g] * own[part, j, g]
-        for i in range(on_q.shape[1]):
-            for g in range(on_q.shape[2]):
-                on_q[part, i, g] = 0.0
-            for j in range(on_q.shape[1]):
-                for g in range(on_q.shape[2]):
-                    on_q[part, i, g] += guy_damping[1, part, i, j, g] * undamped[part, j, g]
+        for i in range(r):
+            for g in range(lanes):
+                damped[part, i, g] = on_q[part, i, g]
+            for j in range(r):
+                for g in range(lanes):
+                    damped[part, i, g] -= damping[0, part, i, j, g] * own[part, j, g]
+        for i in range(r):
+            for j in range(r):
+                kept = 1.0 if j > 0 else 0.0
+                for g in range(lanes):
+                    on_q[part, i, g] = kept * on_q[part, i, g] + damping[1, part, i, j, g] * damped[part, j, g]
 
 
-@compiled(fastmath=FAST_DIVISION)
-def condensed_run(
-    step, every, steps, hold, window, a, v, p, rates, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest,
-    heights, guy_level, breaks, lower, rest_axes, numbers, terms, kappa, moments, loads, tilt, guy_keep, guy_gain, guy_damping,
-    end_mass, load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag,
-    sigma, shapes, slopes, saved, saved_rates, saved_coordinates, saved_force, saved_tension, saved_drag, level_extremes,
-    level_sums, tension_extremes, tension_sums, monitor,
-):  # fmt: skip
-    """Run a mast with condensed guys from rest; return status, step and guy at which it was found.
-
-    Parameters
-    ----------
-    step, every, steps, hold, window
-        Step [s], steps from one output to the next, number of steps, number of those over which drag is held, first and last
-        step of extremes and sums (2,).
-    a, v
-        Modal coordinates of the mast and their rates (modes,); changed.
-    p, rates
-        Coordinates of the guys and their rates (2, r, lanes), in and out of their planes; changed.
-    constant, mast_stiffness, keep, gain
-        Constant modal forces (modes,), stiffness and the transposed matrices A1 and A2 of the step (modes, modes).
-    pulls
-        See :func:`cablepod.mast._kernels_mast._advance_mast`.
-    level_rows, level_rest, heights
-        Displacement of the levels in x and z by the modes (levels, 2, modes), at rest (levels, 2) [m]; heights of the guys
-        (lanes,) [m].
-    guy_level, breaks, lower, rest_axes
-        Level of each guy and the step from which on it carries no force (guys,), anchors (3, lanes) [m], axes of the guys at rest
-        (9, lanes).
-    numbers, terms, kappa, moments, loads, tilt
-        Coefficients of the guys (..., lanes), see :mod:`cablepod.mast._kernels_guys`, those of the closure, see
-        :class:`cablepod.condensed._kernels_layout.LeadingTerms`, and tilt of shapes of unit mass (2, r, r).
-    guy_keep, guy_gain
-        Factor of rates in a step, factors of forces (2, r, lanes).
-    guy_damping
-        Matrices D and A of the damping by ratios (2, 2, r, r, lanes), see :func:`_damp`; without entries: none.
-    end_mass
-        Mass of the upper ends without that of the coordinates, rows of force in x, y, z by acceleration in x and z (6, lanes)
-        [kg].
-    load_vectors, factors
-        Loads on the modes (loads, modes) and their factors (loads, steps + 1), or None.
-    samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag, sigma, shapes, slopes
-        Wind: samples in a step and weights between them, at the nodes of the mast (samples, 2 nodes) and along the guys
-        (samples, 3 points lanes) [m/s], see ``_kernels_mast`` and ``_kernels_guys``; None without wind.
-    saved, saved_rates, saved_coordinates, saved_force, saved_tension, saved_drag
-        Filled at the outputs: modal coordinates, rates half a step before and after, coordinates of the guys and such rates
-        (or without rows), force on the mast and tension of each guy, drag on the nodes (or without rows).
-    level_extremes, level_sums, tension_extremes, tension_sums
-        Filled: extremes and their steps (4, 2 levels) and (4, lanes), sums and sums of squares (2, ...).
-    monitor
-        Least H of the guys [N] and its steps (2, lanes).
-    """
-    count, r, lanes, levels = guy_level.size, p.shape[1], p.shape[2], level_rest.shape[0]
-    force, before, held, mean_rate = np.empty(a.shape), v.copy(), np.zeros(a.shape), np.empty(a.shape)
-    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 3))
-    acceleration, at_guys, tension = np.empty((levels, 2)), np.zeros((2, lanes)), np.empty(lanes)
-    rates_before, ends, on_end = rates.copy(), np.zeros((7, lanes)), np.empty((3, lanes))
-    q, on_q, own = np.empty((2, r, lanes)), np.empty((2, r, lanes)), np.zeros((2, r, lanes))
-    undamped = np.empty(q.shape)
-    held_q, held_end = np.zeros(q.shape), np.zeros(on_end.shape)
-    points = 0 if sigma is None else sigma.size
-    axes, of_forces, of_drag, others = _rows(lanes, points)
-    sizes, both = _sizes_of(q), q.reshape(q.size)
-    chord, stretch, chordwise, sag, end_along, end_normal, end_binormal, moved, moved_out = others
-    weights, guy_air = np.empty(TAPS), np.zeros(3 * points * lanes)
-    guy_air_at = guy_air.reshape((points, 3, lanes))
-    flat_upper, largest = upper.reshape(levels * 2), 4.0 / (step * step)
-    work = _air_work(node_drag)
-    air, x, z = (None, None, None) if work is None else work
-    ahead = 0.5 * hold  # from the last rates to the middle of the steps over which drag is held
-    for k in range(steps + 1):
-        fresh = k % hold == 0
-        if mast_wind is not None and fresh:
-            middle = (k + ahead - 0.5) * samples_per_step
-            left = _sample_weights(middle, mast_wind.shape[0], table, weights)
-            _interpolate(mast_wind, left, weights, air)
-            _interpolate(guy_wind, left, weights, guy_air)
-        _begin_mast(
-            k, fresh, ahead, a, v, before, held, constant, load_vectors, factors, air, node_columns, node_rows, node_drag, x, z,
-            level_rows, level_rest, pulls, guy_level, mean_rate, force, upper, upper_rate, ends,
-        )  # fmt: skip
-        _deflections(p[0], p[1], moments[0], moments[1], rest_axes, ends, moved, moved_out, q[0], q[1])
-        _axes(ends, lower, heights, numbers[LENGTH], axes, chord, stretch)
-        _guy_forces(
-            numbers, sizes, terms, kappa[0], kappa[1], loads[0], tilt, both, q[0], q[1], axes, chord, of_forces, chordwise, sag,
-            on_q[0], on_q[1], on_end[0], on_end[1], on_end[2],
-        )  # fmt: skip
-        _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
-        if _watch(k, largest, chordwise, sag, numbers[LARGEST_KAPPA], monitor[0], monitor[1]):
-            status, guy = _stopped_by(largest, chordwise, sag, numbers[LARGEST_KAPPA], count)
-            if status != DONE:
-                return status, k, guy
-        if guy_wind is not None and fresh:
-            _clear(held_q, held_end)
-            _own_rates(
-                ahead, rates[0], rates[1], rates_before[0], rates_before[1], moments[0], moments[1], rest_axes, ends, end_along,
-                end_normal, end_binormal, own[0], own[1],
-            )  # fmt: skip
-            _guy_drag(
-                q[0], q[1], own[0], own[1], guy_air_at, guy_drag, sigma, shapes, slopes, numbers, rest_axes, end_along,
-                end_normal, end_binormal, stretch, of_drag, held_q[0], held_q[1], held_end[0], held_end[1], held_end[2],
-            )  # fmt: skip
-        if guy_wind is not None:
-            _add(held_q, held_end, on_q, on_end)
-            _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
-        if guy_damping.size:
-            _own_rates(
-                0.0, rates[0], rates[1], rates_before[0], rates_before[1], moments[0], moments[1], rest_axes, ends, end_along,
-                end_normal, end_binormal, own[0], own[1],
-            )  # fmt: skip
-            _damp(guy_damping, own, on_q, undamped)
-            _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
-        _advance_guys(
-            k == 0, step, guy_keep, guy_gain[0], guy_gain[1], moments[0], moments[1], on_q[0], on_q[1], moved, moved_out,
-            rates[0], rates[1], rates_before[0], rates_before[1], p[0], p[1],
-        )  # fmt: skip
-        _hand_over(rest_axes, moved, moved_out, on_end[0], on_end[1], on_end[2])
-        _advance(
-            k == 0, step, a, v, before, force, mast_stiffness, pulls, keep, gain, level_rows, guy_level, on_end, level_force,
-            acceleration, at_guys,
-        )  # fmt: skip
-        _take_inertia(end_mass, at_guys, on_end[0], on_end[1], on_end[2], tension)
-        for g in range(count):
-            if k >= breaks[g]:
-                on_end[0, g] = on_end[1, g] = on_end[2, g] = tension[g] = 0.0
-        if window[0] <= k <= window[1]:
-            _record_rows(
-                k, flat_upper, level_extremes[LEAST], level_extremes[LARGEST], level_extremes[LEAST_STEP],
-                level_extremes[LARGEST_STEP], level_sums[0], level_sums[1],
-            )  # fmt: skip
-            _record_rows(
-                k, tension, tension_extremes[LEAST], tension_extremes[LARGEST], tension_extremes[LEAST_STEP],
-                tension_extremes[LARGEST_STEP], tension_sums[0], tension_sums[1],
-            )  # fmt: skip
-        if k % every == 0:
-            _save(k // every, a, v, before, on_end, tension, saved, saved_rates, saved_force, saved_tension)
-            if mast_wind is not None:
-                _save_drag(k // every, work, saved_drag)
-            if saved_coordinates.shape[0]:
-                saved_coordinates[k // every, 0] = q
-                saved_coordinates[k // every, 1] = rates_before
-                saved_coordinates[k // every, 2] = rates
-        if not _is_finite(v):
-            return DIVERGED, k, 0
-        for i in range(a.size):
-            a[i] += step * v[i]
-    return DONE, steps, 0
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _advance_guys(k, pace, of_guys, scheme, state, guys):
+    """Advance rates and coordinates by a step, the first by half an impulse; take forces on the moments from the mast."""
+    moved, on_q, rates, before, r, lanes = (
+        state.moved, state.on_q, state.rates, state.before, state.q.shape[1], state.q.shape[2]
+    )  # fmt: skip
+    for g in range(guys.breaks.size):
+        if k >= guys.breaks[g]:  # a broken guy rests
+            for part in range(2):
+                for i in range(r):
+                    on_q[part, i, g] = rates[part, i, g] = 0.0
+    last = scheme.keep if k > 0 else 0.0
+    impulse = 1.0 if k > 0 else 0.5
+    sign = 1.0 if k > 0 else -1.0
+    for part in range(2):
+        for i in range(r):
+            kept = 1.0 if i > 0 else 0.0
+            for g in range(lanes):
+                force = on_q[part, i, g]
+                old = rates[part, i, g]
+                new = last * old + impulse * scheme.gain[part, i, g] * force
+                moved[part, g] = kept * moved[part, g] + of_guys.moments[part, i, g] * force
+                before[part, i, g] = old if sign > 0.0 else -new
+                rates[part, i, g] = new
+                state.p[part, i, g] += pace.step * new
+    for d in range(3):
+        for g in range(lanes):
+            guys.force[d, g] -= moved[0, g] * of_guys.axes[3 + d, g] + moved[1, g] * of_guys.axes[6 + d, g]
+    if k % pace.every == 0 and state.saved.shape[0] > 0:
+        row = k // pace.every
+        for part in range(2):
+            for i in range(r):
+                for g in range(lanes):
+                    state.saved[row, 0, part, i, g] = state.q[part, i, g]
+                    state.saved[row, 1, part, i, g] = before[part, i, g]
+                    state.saved[row, 2, part, i, g] = rates[part, i, g]

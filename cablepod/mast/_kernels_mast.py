@@ -1,7 +1,7 @@
-"""Compiled step of the mast: modal coordinates, drag and loads on it, displacement of the guys' upper ends.
+"""Compiled step of the mast: modal coordinates, drag and loads on it, forces of its guys, extremes and outputs.
 
 The rates v of the modal coordinates a go from the middle of one step to that of the next, v <- A1 v + A2 F, with the mass that
-makes the frequencies of the mast exact and the damping at the middle of both.
+makes the frequencies of the mast exact and the damping at the middle of both.  The number of modes is even.
 """
 
 from __future__ import annotations
@@ -10,69 +10,67 @@ import math
 
 import numpy as np
 
-from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
-
-#: Samples of the air through which it is interpolated in time.
-TAPS = 6
+from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.mast._kernels_layout import TAPS
 
 
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
-def _move_ends(a, v, level_rows, level_rest, upper, upper_rate):
-    """Fill displacements (levels, 2) [m] and their rates [m/s] of the levels of the guys."""
-    for k in range(level_rows.shape[0]):
-        for d in range(2):
-            x, rate = level_rest[k, d], 0.0
-            for i in range(a.size):
-                x += level_rows[k, d, i] * a[i]
-                rate += level_rows[k, d, i] * v[i]
-            upper[k, d] = x
-            upper_rate[k, d] = rate
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _begin_step(k, ahead, beam, state, loads):
+    """Fill modal forces of loads at step `k`, rates `ahead` steps after the last, displacements of the levels and their rates.
 
-
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
-def _lower_levels(a, geometric, geometric_rest, gradient, vertical):
-    """Fill the vertical displacement of each level from rest, y = a.G u0 + a.G a / 2, as slopes shorten a mast of given length.
-
-    `geometric` is the geometric stiffness G of a unit pull at each level (levels, modes, modes), `geometric_rest` the same times
-    the displacement at rest (levels, modes); filled are the derivative of y by a (levels, modes) and y (levels,) [m].  With y the
-    pull of the guys is conservative.
+    With slopes a mast of given length becomes shorter: its levels have the vertical displacement y = a.G u0 + a.G a / 2 from
+    rest, with which the pull of the guys is conservative.
     """
-    for k in range(vertical.size):
-        for i in range(a.size):
-            gradient[k, i] = geometric_rest[k, i]
-        for j in range(0, a.size, 2):
-            for i in range(a.size):
-                gradient[k, i] += geometric[k, j, i] * a[j] + geometric[k, j + 1, i] * a[j + 1]
+    a, v, before, rate, force, gradient = state.a, state.v, state.before, state.rate, state.force, state.gradient
+    modes = a.size
+    for i in range(modes):
+        force[i] = beam.constant[i]
+        rate[i] = (1.0 + ahead) * v[i] - ahead * before[i]
+    for n in range(loads.factors.shape[0]):
+        for i in range(modes):
+            force[i] += loads.vectors[n, i] * loads.factors[n, k]
+    for n in range(state.lowered.size):
+        for d in range(2):
+            x, speed = beam.level_rest[n, d], 0.0
+            for i in range(modes):
+                x += beam.level_rows[n, d, i] * a[i]
+                speed += beam.level_rows[n, d, i] * rate[i]
+            state.upper[2 * n + d] = x
+            state.upper_rate[n, d] = speed
+        for i in range(modes):
+            gradient[n, i] = beam.geometric_rest[n, i]
+        for j in range(0, modes, 2):
+            for i in range(modes):
+                gradient[n, i] += beam.geometric[n, j, i] * a[j] + beam.geometric[n, j + 1, i] * a[j + 1]
         y = 0.0
-        for i in range(a.size):
-            y += 0.5 * a[i] * (geometric_rest[k, i] + gradient[k, i])
-        vertical[k] = y
+        for i in range(modes):
+            y += 0.5 * a[i] * (beam.geometric_rest[n, i] + gradient[n, i])
+        state.lowered[n] = y
 
 
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
-def _sample_weights(place, count, table, weights):
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _sample_weights(place, wind):
     """Fill the weights of the samples of the air at a place in samples; return the number of the third of them.
 
-    `table` holds the weights at equal parts of an interval (parts, TAPS), between which the air is linear.
+    Between the equal parts of an interval, at which the weights are given, the air is linear.
     """
-    place = min(max(place, 0.0), count - 1.0)
-    left = min(int(place), count - 2)
+    table, weights = wind.table, wind.weights
+    place = min(max(place, 0.0), wind.velocity.shape[0] - 1.0)
+    left = min(int(place), wind.velocity.shape[0] - 2)
     parts = table.shape[0]
     fine = (place - left) * parts
     part = min(int(fine), parts - 1)
     share = fine - part
     for i in range(TAPS):
         weights[i] = (1.0 - share) * table[part, i]
-    if part + 1 < parts:
-        for i in range(TAPS):
+        if part + 1 < parts:
             weights[i] += share * table[part + 1, i]
-    else:
+    if part + 1 == parts:
         weights[3] += share
     return left
 
 
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
 def _interpolate(samples, left, weights, values):
     """Fill values at an instant from samples (count, values); the first and the last sample are held beyond."""
     last = samples.shape[0] - 1
@@ -85,34 +83,25 @@ def _interpolate(samples, left, weights, values):
         )  # fmt: skip
 
 
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
-def _add_mast_drag(v, wind, columns, rows, drag, x, z, force):
-    """Add the drag on the nodes, c |r| r for the velocity r of the air relative to the mast, to modal forces.
-
-    Parameters
-    ----------
-    v, wind
-        Rates of the modes; velocity of the air at the nodes in x, then in z (2 nodes,) [m/s].
-    columns, rows
-        Displacement of the nodes by the modes (2, modes, nodes) and (2, nodes, modes).
-    drag
-        Half the density of the air times drag area (nodes,) [kg/m].
-    x, z
-        Work arrays (nodes,).
-    """
-    nodes, modes = drag.size, v.size  # multiples of 4 and of 2
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _fill_mast_drag(rate, wind):
+    """Fill the drag on the nodes, c |u| u for the velocity u of the air relative to the mast, and the modal forces by it."""
+    columns, rows, x, z, force = wind.columns, wind.rows, wind.x, wind.z, wind.force
+    nodes, modes = wind.drag.size, rate.size  # multiples of 4 and of 2
     for n in range(nodes):
-        x[n] = wind[n]
-        z[n] = wind[nodes + n]
+        x[n] = wind.air[n]
+        z[n] = wind.air[nodes + n]
     for i in range(0, modes, 2):
         for n in range(nodes):
-            x[n] -= columns[0, i, n] * v[i] + columns[0, i + 1, n] * v[i + 1]
-            z[n] -= columns[1, i, n] * v[i] + columns[1, i + 1, n] * v[i + 1]
+            x[n] -= columns[0, i, n] * rate[i] + columns[0, i + 1, n] * rate[i + 1]
+            z[n] -= columns[1, i, n] * rate[i] + columns[1, i + 1, n] * rate[i + 1]
     for n in range(nodes):
         a, b = x[n], z[n]
-        size = drag[n] * math.sqrt(a * a + b * b)
+        size = wind.drag[n] * math.sqrt(a * a + b * b)
         x[n] = size * a
         z[n] = size * b
+    for i in range(modes):
+        force[i] = 0.0
     for n in range(0, nodes, 4):
         for i in range(modes):
             force[i] += (
@@ -122,147 +111,111 @@ def _add_mast_drag(v, wind, columns, rows, drag, x, z, force):
             )  # fmt: skip
 
 
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
-def _add_loads(k, load_vectors, factors, force):
-    """Add loads with their factors at step `k` to modal forces."""
-    for n in range(factors.shape[0]):
-        for i in range(force.size):
-            force[i] += load_vectors[n, i] * factors[n, k]
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _advance_mast(k, step, beam, state, guys):
+    """Add stiffness and guys to the modal forces, advance the rates, take the inertia of the guys' ends from their forces.
 
-
-@compiled(fastmath=REORDERED_FUSED, forceinline=True)
-def _begin_step(
-    k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
-    level_rows, level_rest, pulls, mean_rate, force, upper, upper_rate, level_force,
-):  # fmt: skip
-    """Fill modal forces of loads and drag at step `k`, displacements and rates of the levels; clear the forces of the guys."""
-    for i in range(a.size):
-        force[i] = constant[i]
-        mean_rate[i] = 1.5 * v[i] - 0.5 * before[i]
-    if factors is not None:
-        _add_loads(k, load_vectors, factors, force)
-    _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
-    _lower_levels(a, pulls[0], pulls[1], pulls[2], pulls[3])
-    if mast_wind is not None:
-        air, x, z = work
-        _interpolate(mast_wind, left, weights, air)
-        _add_mast_drag(mean_rate, air, node_columns, node_rows, node_drag, x, z, force)
-    for n in range(level_force.shape[0]):
-        level_force[n, 0] = level_force[n, 1] = level_force[n, 2] = 0.0
-
-
-@compiled(forceinline=True)
-def _air_work(node_drag):
-    """Return work arrays of the air at the nodes; None in still air."""
-    if node_drag is None:
-        return None
-    return np.empty(2 * node_drag.size), np.empty(node_drag.size), np.empty(node_drag.size)
-
-
-@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
-def _advance_mast(
-    first, step, a, v, before, force, stiffness, gradient, at_rest, keep, gain, level_rows, level_force, acceleration
-):  # fmt: skip
-    """Add stiffness and guys to the modal forces, advance the rates, fill accelerations of the levels.
-
-    The axial force follows the guys: `stiffness` holds that of rest, `gradient` is that of :func:`_lower_levels`, `at_rest` the
-    vertical forces of the guys at rest (levels,), filled in the first step.  `level_force` (levels, 3) is in x, z and upwards.
-
-    `keep` and `gain` are transposed, v[i] <- sum of keep[j, i] v[j] + gain[j, i] F[j]; in the first step, from rest, half of the
-    impulse counts, of which the half before is the opposite.  The number of modes is even.
+    A broken guy has no force.  The axial force of the mast follows the pull of the guys.  In the first step, from rest, half of
+    the impulse counts, of which the half before is the opposite.
     """
-    modes = a.size
+    a, v, before, force, level_force = state.a, state.v, state.before, state.force, state.level_force
+    modes, levels = a.size, state.lowered.size
+    for n in range(levels):
+        level_force[n, 0] = level_force[n, 1] = level_force[n, 2] = 0.0
+    for g in range(guys.level.size):
+        for d in range(3):
+            if k >= guys.breaks[g]:
+                guys.force[d, g] = 0.0
+            level_force[guys.level[g], d] += guys.force[d, g]
     for j in range(0, modes, 2):
         for i in range(modes):
-            force[i] -= stiffness[j, i] * a[j] + stiffness[j + 1, i] * a[j + 1]
-    for k in range(level_rows.shape[0]):
-        if first:
-            at_rest[k] = level_force[k, 2]
-        pull = at_rest[k] - level_force[k, 2]
+            force[i] -= beam.stiffness[j, i] * a[j] + beam.stiffness[j + 1, i] * a[j + 1]
+    for n in range(levels):
+        if k == 0:
+            state.pull[n] = level_force[n, 1]
+        pull = state.pull[n] - level_force[n, 1]
         for i in range(modes):
             force[i] += (
-                level_rows[k, 0, i] * level_force[k, 0]
-                + level_rows[k, 1, i] * level_force[k, 1]
-                - pull * gradient[k, i]
+                beam.level_rows[n, 0, i] * level_force[n, 0]
+                + beam.level_rows[n, 1, i] * level_force[n, 2]
+                - pull * state.gradient[n, i]
             )
+    last = 1.0 if k > 0 else 0.0
+    impulse = 1.0 if k > 0 else 0.5
     for i in range(modes):
         before[i] = v[i]
-    last, impulse = 1.0, 1.0
-    if first:
-        last, impulse = 0.0, 0.5
     for j in range(0, modes, 2):
         kept = 1.0 if j > 0 else 0.0
-        b, c, e, f = last * before[j], last * before[j + 1], impulse * force[j], impulse * force[j + 1]
+        b, c = last * before[j], last * before[j + 1]
+        e, f = impulse * force[j], impulse * force[j + 1]
         for i in range(modes):
-            v[i] = kept * v[i] + keep[j, i] * b + keep[j + 1, i] * c + gain[j, i] * e + gain[j + 1, i] * f
-    if first:
+            v[i] = kept * v[i] + beam.keep[j, i] * b + beam.keep[j + 1, i] * c + beam.gain[j, i] * e + beam.gain[j + 1, i] * f
+    if k == 0:
         for i in range(modes):
             before[i] = -v[i]
-    inverse = 1.0 / step
-    for k in range(level_rows.shape[0]):
-        x, z = 0.0, 0.0
-        for i in range(modes):
-            change = v[i] - before[i]
-            x += level_rows[k, 0, i] * change
-            z += level_rows[k, 1, i] * change
-        acceleration[k, 0], acceleration[k, 1] = x * inverse, z * inverse
-
-
-@compiled(forceinline=True)
-def _update_extremes(value, step, row):
-    """Update least and largest value and their steps in a row (4,)."""
-    if value < row[LEAST]:
-        row[LEAST], row[LEAST_STEP] = value, step
-    if value > row[LARGEST]:
-        row[LARGEST], row[LARGEST_STEP] = value, step
-
-
-@compiled(forceinline=True)
-def _record(k, window, upper, tension, level_extremes, level_sums, tension_extremes, tension_sums):
-    """Update extremes, sums and sums of squares over the steps of a window."""
-    if k < window[0] or k > window[1]:
-        return
-    for n in range(upper.shape[0]):
+    for n in range(levels):
         for d in range(2):
-            _update_extremes(upper[n, d], k, level_extremes[n, d])
-            level_sums[n, d, 0] += upper[n, d]
-            level_sums[n, d, 1] += upper[n, d] * upper[n, d]
-    for g in range(tension.size):
-        _update_extremes(tension[g], k, tension_extremes[g])
-        tension_sums[g, 0] += tension[g]
-        tension_sums[g, 1] += tension[g] * tension[g]
+            change = 0.0
+            for i in range(modes):
+                change += beam.level_rows[n, d, i] * (v[i] - before[i])
+            state.acceleration[n, d] = change / step
+    for g in range(guys.level.size):
+        if k < guys.breaks[g]:
+            x, z = state.acceleration[guys.level[g], 0], state.acceleration[guys.level[g], 1]
+            for d in range(3):
+                guys.force[d, g] -= guys.end_mass[2 * d, g] * x + guys.end_mass[2 * d + 1, g] * z
 
 
-@compiled(forceinline=True)
-def _save(k, every, a, v, before, guy_force, tension, work, saved, saved_rates, saved_force, saved_tension, saved_drag):
-    """Save the state at the steps of the output."""
-    if k % every:
-        return
-    row = k // every
-    if work is not None:
-        _save_drag(row, work, saved_drag)
-    for i in range(a.size):
-        saved[row, i] = a[i]
-        saved_rates[row, 0, i], saved_rates[row, 1, i] = before[i], v[i]
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _fill_tensions(force, tension):
+    """Fill the magnitudes of the forces on the mast (lanes,) [N]."""
     for g in range(tension.size):
-        saved_tension[row, g] = tension[g]
+        x, y, z = force[0, g], force[1, g], force[2, g]
+        tension[g] = math.sqrt(x * x + y * y + z * z)
+
+
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _record(k, values, extremes):
+    """Update extremes, the steps of them, sums and sums of squares of values."""
+    least, largest = extremes.least, extremes.largest
+    for g in range(values.size):
+        x = values[g]
+        less, more = x < least[g], x > largest[g]
+        least[g] = x if less else least[g]
+        extremes.least_step[g] = k if less else extremes.least_step[g]
+        largest[g] = x if more else largest[g]
+        extremes.largest_step[g] = k if more else extremes.largest_step[g]
+        extremes.total[g] += x
+        extremes.squares[g] += x * x
+
+
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _save(row, state, guys, record):
+    """Save the state at an output."""
+    for i in range(state.a.size):
+        record.modal[row, i] = state.a[i]
+        record.rates[row, 0, i] = state.before[i]
+        record.rates[row, 1, i] = state.v[i]
+    for g in range(record.tension.shape[1]):
+        record.tension[row, g] = guys.tension[g]
         for d in range(3):
-            saved_force[row, g, d] = guy_force[g, d]
+            record.force[row, g, d] = guys.force[d, g]
 
 
-@compiled(forceinline=True)
-def _save_drag(row, work, saved_drag):
-    """Save the drag on the nodes in x and z, where there is room (outputs, 2, nodes) [N]."""
-    _, x, z = work
-    if row < saved_drag.shape[0]:
-        for n in range(x.size):
-            saved_drag[row, 0, n], saved_drag[row, 1, n] = x[n], z[n]
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _save_drag(row, wind, drag):
+    """Save the drag on the nodes in x and z, where there is room."""
+    if row < drag.shape[0]:
+        for n in range(wind.x.size):
+            drag[row, 0, n] = wind.x[n]
+            drag[row, 1, n] = wind.z[n]
 
 
-@compiled(forceinline=True)
-def _is_finite(values):
-    """Tell whether the sum of magnitudes is finite."""
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _move(step, state):
+    """Advance the coordinates by a step, unless the rates are not finite; tell whether they are."""
     total = 0.0
-    for i in range(values.size):
-        total += abs(values[i])
+    for i in range(state.a.size):
+        total += abs(state.v[i])
+        state.a[i] += step * state.v[i]
     return total < np.inf

@@ -94,7 +94,10 @@ class ModalMast:
 
     @cached_property
     def pull_stiffness(self) -> np.ndarray:
-        """Geometric stiffness of a unit pull of the guys at each level, downwards, by the modes (levels, modes, modes)."""
+        """Geometric stiffness of a unit pull of the guys at each level, downwards, by the modes (levels, modes, modes).
+
+        It lowers the levels, see :func:`cablepod.mast._kernels_mast._begin_step`.
+        """
         of_levels = [self.modes.T @ self.rest.beam.of_pull(height) @ self.modes for height in self.heights.tolist()]
         return np.ascontiguousarray(of_levels)
 
@@ -103,11 +106,6 @@ class ModalMast:
         """The same times the displacement at rest (levels, modes)."""
         displaced = [self.rest.beam.of_pull(height) @ self.rest.unknowns for height in self.heights.tolist()]
         return np.ascontiguousarray(displaced @ self.modes)
-
-    def pulls(self) -> tuple[np.ndarray, ...]:
-        """Return both for the kernels, with work arrays, see :func:`cablepod.mast._kernels_mast._lower_levels`."""
-        levels, modes = self.pull_at_rest.shape
-        return self.pull_stiffness, self.pull_at_rest, np.zeros((levels, modes)), np.zeros(levels), np.zeros(levels)
 
     @cached_property
     def node_rows(self) -> np.ndarray:

@@ -10,7 +10,6 @@ import numpy as np
 
 from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
-from cablepod.mast._model import ModalMast
 from cablepod.parameters._mast import MastLoad
 
 #: Maximum relative distance of a number of steps in an interval from a whole number.
@@ -59,11 +58,11 @@ class MastRequest:
         first, last = (round(end / self.step) for end in self.window)
         return first, min(last, self.steps)
 
-    def factors(self, loads: Sequence[MastLoad]) -> np.ndarray | None:
-        """Return the factors of the loads at all steps (loads, steps + 1); None without loads that vary."""
-        if all(load.factor is None for load in loads):
-            return None
+    def factors(self, loads: Sequence[MastLoad]) -> np.ndarray:
+        """Return the factors of the loads at all steps (loads, steps + 1); without rows where no load varies."""
         time = self.step * np.arange(self.steps + 1)
+        if all(load.factor is None for load in loads):
+            return np.empty((0, time.size))
         return np.array([np.ones(time.size) if load.factor is None else load.factor(time) for load in loads])
 
 
@@ -144,22 +143,3 @@ class MastTrajectory:
         """Number of steps of the window."""
         first, last = self.request.window_steps
         return last - first + 1
-
-
-def empty_trajectory(request: MastRequest, mast: ModalMast, node_drag: np.ndarray | None) -> MastTrajectory:
-    """Return the arrays of a run before it; `node_drag` has an entry for each node with drag, None in still air."""
-    start = np.array([np.inf, -np.inf, 0.0, 0.0])
-    n, nodes = request.outputs_count, 0 if node_drag is None else node_drag.size
-    modes, levels, guys = len(mast.omega), len(mast.heights), len(mast.rest.p.guys)
-    return MastTrajectory(
-        request,
-        np.zeros((n, modes)),
-        np.zeros((n, 2, modes)),
-        np.zeros((n, guys, 3)),
-        np.zeros((n, guys)),
-        np.zeros((n if request.keeps_drag and nodes else 0, 2, nodes)),
-        np.tile(start, (levels, 2, 1)),
-        np.zeros((levels, 2, 2)),
-        np.tile(start, (guys, 1)),
-        np.zeros((guys, 2)),
-    )

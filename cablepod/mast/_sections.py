@@ -48,7 +48,7 @@ def section_forces(mast: ModalMast, run: MastTrajectory, *, shear: bool = True) 
     total = modal @ by_modes.T
     total += force[:, :, [0, 2]].reshape(n, -1) @ (by_others @ rest.rows.reshape(-1, beam.count).T).T
     factors = request.factors(rest.p.loads)
-    if factors is not None:
+    if factors.size:
         at_outputs = factors[:, :: request.every][:, :n]
         total += (at_outputs - factors[:, :1]).T @ (by_others @ load_vectors(rest.p, beam).T).T
     if run.drag.size:

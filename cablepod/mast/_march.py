@@ -1,0 +1,78 @@
+"""Run of the compiled loop, the same for all kinds of guys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cablepod.mast._drive import Drive
+from cablepod.mast._kernels_layout import Beam, BeamState, Extremes, GuyEnds, MastRecord, Pace
+from cablepod.mast._model import ModalMast, StepMatrices
+from cablepod.mast._request import MastRequest, MastTrajectory
+
+
+def steps_of_breaks(mast: ModalMast, step: float) -> np.ndarray:
+    """Return the step from which on each guy carries nothing (guys,)."""
+    return np.array([np.inf if guy.breaks is None else guy.breaks / step for guy in mast.rest.p.guys])
+
+
+def constant_forces(mast: ModalMast, drive: Drive, at_rest: np.ndarray) -> np.ndarray:
+    """Return the modal forces that balance loads, drag and guys, with forces (guys, 3) on the mast, at rest (modes,)."""
+    return drive.constant - np.einsum("gi,gia->a", at_rest[:, [0, 2]], mast.guy_rows)
+
+
+def march(
+    mast: ModalMast,
+    request: MastRequest,
+    matrices: StepMatrices,
+    drive: Drive,
+    ends: GuyEnds,
+    at_rest: np.ndarray,
+    *,
+    hold: int = 1,
+    condensed: Any = None,
+    chains: Any = None,
+    static: Any = None,
+    guy_wind: Any = None,
+) -> MastTrajectory:
+    """Run a mast with guys of one kind from rest.
+
+    Parameters
+    ----------
+    mast, request, matrices, drive
+        The mast, what is asked, its step, its loads and air.
+    ends, at_rest
+        Ends of the guys; their forces on the mast at rest (guys, 3) [N], which a constant force balances.
+    hold
+        Steps over which drag is held.
+    condensed, chains, static, guy_wind
+        As of :func:`cablepod.mast._kernels_march.march`.
+    """
+    from cablepod.mast import _kernels_march as kernel  # numba is imported only to compute
+
+    levels, modes, count = len(mast.heights), len(mast.omega), len(mast.rest.p.guys)
+    wind, outputs = drive.wind, request.outputs_count
+    nodes = wind.drag.size if request.keeps_drag and wind is not None else 0
+    record = MastRecord(
+        np.zeros((outputs, modes)), np.zeros((outputs, 2, modes)), np.zeros((outputs, count, 3)), np.zeros((outputs, count)),
+        np.zeros((outputs if nodes else 0, 2, nodes)), Extremes.of(2 * levels), Extremes.of(ends.tension.size),
+    )  # fmt: skip
+    beam = Beam(
+        constant_forces(mast, drive, at_rest), mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
+        mast.pull_stiffness, mast.pull_at_rest,
+    )  # fmt: skip
+    status, at, guy = kernel.march(
+        Pace(request.step, request.every, request.steps, hold, *request.window_steps), beam, BeamState.of(levels, modes),
+        drive.loads, wind, ends, condensed, chains, static, guy_wind, record,
+    )  # fmt: skip
+    of_levels = (own.reshape(levels, 2, -1) for own in _by_value(record.of_levels))
+    of_tensions = (own[:count] for own in _by_value(record.of_tensions))
+    result = MastTrajectory(request, *record[:5], *of_levels, *of_tensions)
+    result.finish(status, at, guy, np.stack([ends.least, ends.least_step], axis=-1)[:count])
+    return result
+
+
+def _by_value(extremes: Extremes) -> tuple[np.ndarray, np.ndarray]:
+    """Return extremes with their steps (values, 4), and sums with those of squares (values, 2)."""
+    return np.stack(extremes[:4], axis=-1), np.stack(extremes[4:], axis=-1)
