@@ -37,11 +37,16 @@ class Lanes:
         for row, values in rows.items():
             self.numbers[row, : self.count] = values
 
-    def terms(self, fitted: np.ndarray | None = None) -> layout.CondensedTerms:
-        """Return the coefficients of the guys, watched with fitted factors (guys, 2 r)."""
-        model, guys, numbers, r = self.model, self.model.guys, self.numbers.copy(), self.rank
-        if fitted is not None:
-            numbers[layout.LARGEST_KAPPA, : self.count] = (guys.kappa * fitted).max(axis=1, initial=0.0)
+    def watched(self, fitted: np.ndarray) -> layout.CondensedTerms:
+        """Return the coefficients of guys that are watched, with fitted factors (guys, 2 r)."""
+        numbers = self.numbers.copy()
+        numbers[layout.LARGEST_KAPPA, : self.count] = (self.model.guys.kappa * fitted).max(axis=1, initial=0.0)
+        return self.terms._replace(numbers=numbers)
+
+    @cached_property
+    def terms(self) -> layout.CondensedTerms:
+        """Coefficients of the guys."""
+        model, guys, numbers, r = self.model, self.model.guys, self.numbers, self.rank
         kappa, none = self.coordinates(guys.kappa), np.empty(0)
         spring = 0.5 * numbers[layout.STIFFNESS] / numbers[layout.LENGTH]
         closure = LeadingTerms(
@@ -62,14 +67,14 @@ class Lanes:
         """Mass of the upper ends, rows of force in x, y, z by acceleration in x and z (6, lanes) [kg]."""
         return self.of(self.model.reaction_mass.reshape(-1, 6))
 
-    def damping(self, step: float, fitted: np.ndarray) -> np.ndarray:
-        """Return the matrices D and A of the damping by ratios (2, 2, modes, modes, lanes); without entries for none.
+    def damping(self, step: float, fitted: np.ndarray) -> np.ndarray | None:
+        """Return the matrices D and A of the damping by ratios (2, 2, modes, modes, lanes); None without.
 
         D is the damping matrix for the fitted masses, A = (1 + step / 2 D F)^-1, for fitted factors F (guys, 2 r).
         """
         matrices, r = self.model.damping, self.rank
         if not matrices.size:
-            return np.empty((2, 2, 0, 0, 0))
+            return None
         root, one = np.sqrt(fitted), np.eye(2 * r)
         fitting = matrices / root[:, :, None] / root[:, None]
         solved = np.linalg.inv(one + 0.5 * step * fitting * fitted[:, None])

@@ -76,7 +76,7 @@ class CondensedGuys:
         from cablepod.mast import _kernels_condensed as kernel  # numba is imported only to compute
 
         guys, lanes = self.guys, self.lanes
-        terms, wind = lanes.terms(), lanes.wind(np.empty((0, 0)))
+        terms, wind = lanes.terms, lanes.wind(np.empty((0, 0)))
         state = CondensedState.of(np.zeros(terms.kappa.shape), np.zeros((0, 3, *terms.kappa.shape)))
         wind.air[:] = steady_along_guys(air, self.drag_points, lanes.size).ravel()
         state.stretch[: guys.count] = guys.frame(guys.upper)[0] / guys.length
@@ -214,7 +214,7 @@ class CondensedGuys:
         drive = drive_of(mast, air, request)
         result = march(
             mast, request, matrices, drive, GuyEnds.of(mast.level_of_guy, steps_of_breaks(mast, step), lanes.end_mass),
-            self.rest[1], hold=hold, condensed=(lanes.terms(fitted), scheme, CondensedState.of(p, saved)),
+            self.rest[1], hold=hold, condensed=(lanes.watched(fitted), scheme, CondensedState.of(p, saved)),
             guy_wind=None if air is None else lanes.wind(along_guys(air, self.drag_points, lanes.size)),
         )  # fmt: skip
         states = lanes.back(saved)

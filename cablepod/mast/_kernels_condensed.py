@@ -238,11 +238,15 @@ def _watch(k, step, of_guys, state, guys):
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
-def _damp(damping, own, on_q, damped):
+def _damp(damping, of_guys, state):
     """Change the forces f on the coordinates into A (f - D u), with rates u of deflections half a step before.
 
     With A = (1 + step / 2 D F)^-1 and the fitted factors F the damping is that of the mean rates of the step.
     """
+    if damping is None:
+        return
+    _fill_own_rates(0.0, of_guys, state)
+    own, on_q, damped = state.own, state.on_q, state.damped
     r, lanes = on_q.shape[1], on_q.shape[2]
     for part in range(2):
         for i in range(r):

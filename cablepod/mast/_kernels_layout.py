@@ -174,7 +174,7 @@ class CondensedScheme(NamedTuple):
 
     keep: float  #: factor of rates in a step
     gain: np.ndarray  #: factors of forces (2, r, lanes)
-    damping: np.ndarray  #: matrices D and A of the damping by ratios (2, 2, r, r, lanes); without entries: none
+    damping: Any  #: matrices D and A of the damping by ratios (2, 2, r, r, lanes), or None
 
 
 class CondensedState(NamedTuple):

@@ -67,9 +67,7 @@ def march(pace, beam, state, loads, wind, guys, condensed, chains, static, guy_w
             status, guy = _watch(k, pace.step, of_guys, moving, guys)
             if status != DONE:
                 return status, k, guy
-            if scheme.damping.size:
-                _fill_own_rates(0.0, of_guys, moving)
-                _damp(scheme.damping, moving.own, moving.on_q, moving.damped)
+            _damp(scheme.damping, of_guys, moving)
             _advance_guys(k, pace, of_guys, scheme, moving, guys)
         if chains is not None:
             status, guy = _advance_chains(k, pace, chains, guys, state, guy_wind)
