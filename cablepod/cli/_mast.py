@@ -34,6 +34,8 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
     largest = _largest(motion, "displacement")
     moments = _largest(motion, "bending_moment")
     node = int(moments.max(axis=1).argmax())
+    shear, foot = motion["shear_force_largest"].values, motion["foot_force_minimum"].sel(coordinate="y")
+    anchors = motion["anchor_force_largest"].values if "anchor_force_largest" in motion else np.zeros(0)
     return {
         "buckling_factor": factor if math.isfinite(factor) else None,
         "frequencies_hertz": hertz[:FREQUENCIES].tolist(),
@@ -42,6 +44,12 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
         "largest_displacement_level": float(motion["level"][int(largest.max(axis=1).argmax())]),
         "largest_bending_moment": float(moments.max()),
         "largest_bending_moment_height": float(motion["node_height"][node]),
+        "largest_shear": float(shear.max()),
+        "largest_shear_element": [float(motion[f"element_{end}"][int(shear.argmax())]) for end in ("bottom", "top")],
+        "largest_foot_force_downwards": -float(foot),
+        "largest_foot_force_horizontal": float(motion["foot_force_horizontal_largest"]),
+        "largest_anchor_force": float(anchors.max()) if anchors.size else None,
+        "largest_anchor_force_guy": int(anchors.argmax()) + 1 if anchors.size else None,
         "error_estimate": float(motion.attrs["error_estimate"]) if "error_estimate" in motion.attrs else None,
         "step": float(motion.attrs["step"]),
         "wall_time_s": float(motion.attrs["wall_time_s"]),
@@ -128,11 +136,13 @@ def text(study: xr.DataTree, folder: Path) -> str:
     lines += [
         f"motion       {printed(found['largest_displacement'], 'm', 4)} at {found['largest_displacement_level']:g} m, bending "
         f"moment {printed(found['largest_bending_moment'], 'N m', 4)} at {found['largest_bending_moment_height']:g} m",
+        *_reactions(found),
         f"             step {found['step']:.4g} s, {found['wall_time_s']:.2g} s of run time"
         + (f" (and {found['compile_time_s']:.2g} s of compiling, once on this machine)" if found["compile_time_s"] else "")
         + ("" if found["error_estimate"] is None else f", estimated error of tensions {100.0 * found['error_estimate']:.2g} %"),
         "",
         f"tension of the guys at the mast [kN], at rest in {rest.attrs['air']}; {part_of_run(guys)}" if rows else "",
+        *_around_break(study),
         f"{fatigue_text(guys)}; {TOWARDS}" if rows else "",
         f"{'guy':>3}{'level [m]':>11}{'towards':>10}{'anchor [m]':>21}{'rest':>9}"
         + HEADS + (f"{'used':>8}" if rows and "utilisation" in rows[0] else ""),
@@ -148,6 +158,34 @@ def text(study: xr.DataTree, folder: Path) -> str:
             line += f"  breaks at {row['breaks']:g} s"
         lines.append(line)
     return "\n".join([*lines, "", files_text(folder, FIGURES)])
+
+
+def _reactions(found: dict[str, Any]) -> list[str]:
+    """Return lines with the largest shear, and the largest forces on foundation and anchors."""
+    lower, upper = found["largest_shear_element"]
+    force = f"             force on the foundation {printed(found['largest_foot_force_downwards'], 'N', 4)} downwards, "
+    force += f"{printed(found['largest_foot_force_horizontal'], 'N', 4)} horizontal"
+    if found["largest_anchor_force"] is not None:
+        force += f", on the anchor of guy {found['largest_anchor_force_guy']} {printed(found['largest_anchor_force'], 'N', 4)}"
+    return [
+        f"             shear {printed(found['largest_shear'], 'N', 4)} between {lower:g} and {upper:g} m",
+        force,
+    ]
+
+
+def _around_break(study: xr.DataTree) -> list[str]:
+    """Return a note that statistics mix what is before and after a break, and how to have the part after; none without."""
+    motion = study["motion"].to_dataset()
+    end = float(motion["time"].values[-1])
+    breaks = motion["guy_breaks"].values.tolist() if "guy_breaks" in motion else []
+    times = sorted({time for time in breaks if time <= end})
+    if not times:
+        return []
+    at = ", ".join(f"{time:g} s" for time in times)
+    after = (
+        f"; of the part after it: cp.mast.simulate(scene, window=({times[-1]:g}, {end:g}))" if times[-1] < end else ""
+    )
+    return [f"note: statistics of guys and mast mix what is before and after the break at {at}{after}"]
 
 
 def _after_break(rest: Any) -> list[str]:

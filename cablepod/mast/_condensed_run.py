@@ -263,7 +263,9 @@ class CondensedGuys:
         stiffness = mast.stiffness - np.tensordot(pull, geometric, 1)
         potential = 0.5 * np.einsum("ta,ab,tb->t", result.modal, stiffness, result.modal)
         potential -= result.modal @ (constant_forces(mast, drive, self.rest[1]) + pull @ geometric_rest)
-        potential -= np.einsum("ta,na,nt->t", result.modal, drive.loads.vectors, drive.loads.factors[:, :: request.every])
+        potential -= np.einsum(
+            "ta,na,nt->t", result.modal, drive.loads.vectors, drive.loads.factors[:, :: request.every]
+        )
         ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
         at_rest, holds = self.guys.energy(self.rest[0], self.guys.upper).sum(), ~self._broken(request)
         for t in range(len(result.modal)):

@@ -188,7 +188,9 @@ class CondensedState(NamedTuple):
     on_q: np.ndarray  #: forces on the coordinates (2, r, lanes)
     damped: np.ndarray  #: the same less damping (2, r, lanes)
     ends: np.ndarray  #: upper ends, see the head of this file (5, lanes)
-    moved: np.ndarray  #: displacements or rates of the ends along both normals; later sums of moments times forces (2, lanes)
+    moved: (
+        np.ndarray
+    )  #: displacements or rates of the ends along both normals; later sums of moments times forces (2, lanes)
     axis_x: np.ndarray  #: axis along the chord (lanes,)
     axis_y: np.ndarray  #: the same
     axis_z: np.ndarray  #: the same
@@ -206,7 +208,9 @@ class CondensedState(NamedTuple):
     quadratic: np.ndarray  #: work of the tilt (lanes,)
     linear: np.ndarray  #: work of the load (lanes,)
     tilted: np.ndarray  #: a row of the tilt times the coordinates (lanes,)
-    saved: np.ndarray  #: deflections, rates half a step before and after at the outputs (outputs, 3, 2, r, lanes), or no rows
+    saved: (
+        np.ndarray
+    )  #: deflections, rates half a step before and after at the outputs (outputs, 3, 2, r, lanes), or no rows
 
     @classmethod
     def of(cls, p: np.ndarray, saved: np.ndarray) -> CondensedState:
@@ -220,7 +224,9 @@ class CondensedWind(NamedTuple):
     """Wind along condensed guys at points of quadrature."""
 
     velocity: np.ndarray  #: (samples, 3 points lanes) [m/s]
-    drag: np.ndarray  #: half the density of the air times drag coefficient, diameter and length of a point (points, lanes) [kg/m]
+    drag: (
+        np.ndarray
+    )  #: half the density of the air times drag coefficient, diameter and length of a point (points, lanes) [kg/m]
     sigma: np.ndarray  #: places of the points (points,)
     shapes: np.ndarray  #: of unit length and mass (2, points, r)
     slopes: np.ndarray  #: their slopes (2, points, r)

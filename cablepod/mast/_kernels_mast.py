@@ -149,7 +149,13 @@ def _advance_mast(k, step, beam, state, guys):
         b, c = last * before[j], last * before[j + 1]
         e, f = impulse * force[j], impulse * force[j + 1]
         for i in range(modes):
-            v[i] = kept * v[i] + beam.keep[j, i] * b + beam.keep[j + 1, i] * c + beam.gain[j, i] * e + beam.gain[j + 1, i] * f
+            v[i] = (
+                kept * v[i]
+                + beam.keep[j, i] * b
+                + beam.keep[j + 1, i] * c
+                + beam.gain[j, i] * e
+                + beam.gain[j + 1, i] * f
+            )
     if k == 0:
         for i in range(modes):
             before[i] = -v[i]

@@ -111,7 +111,7 @@ def _names_of_guys(run: xr.Dataset) -> list[str]:
     return names
 
 
-def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None = None) -> Axes:
+def bending_moments(result: xr.Dataset, *, component: str | None = None, ax: Axes | None = None) -> Axes:
     """Draw bending moments of a mast over its height: at rest, or the range of a run.
 
     Parameters
@@ -119,7 +119,7 @@ def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None
     result
         Result of :func:`cablepod.mast.rest`, or of :func:`cablepod.mast.simulate` with the output "extremes".
     component
-        Direction of the displacement, "x" or "z".
+        Direction of the displacement, "x" or "z"; by default that of the largest moment.
     ax
         Axes to draw on; new ones by default.
 
@@ -134,7 +134,8 @@ def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None
         For another Dataset.
     """
     result = taken("result", result, HEIGHTS)
-    choice(*DIRECTIONS)("component", component)
+    if component is not None:
+        choice(*DIRECTIONS)("component", component)
     names = [name for name in ("bending_moment_minimum", "bending_moment_maximum") if name in result]
     if not names and "bending_moment" in result and "time" not in result.variables["bending_moment"].dims:
         names = ["bending_moment"]
@@ -143,8 +144,12 @@ def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None
     ax, height = _style.axes(ax), _numbers("result", result, "node_height", ("node",), HEIGHTS).values
     moments = [_numbers("result", result, name, ("node", "coordinate"), HEIGHTS) for name in names]
     for moment in moments:
-        if component not in moment["coordinate"].values.tolist():
-            raise scene_error("result", list(moment["coordinate"].values), f"labels of coordinate, with {component}")
+        for wanted in DIRECTIONS if component is None else (component,):
+            if wanted not in moment["coordinate"].values.tolist():
+                raise scene_error("result", list(moment["coordinate"].values), f"labels of coordinate, with {wanted}")
+    if component is None:
+        sizes = [max(float(abs(moment.sel(coordinate=way)).max()) for moment in moments) for way in DIRECTIONS]
+        component = DIRECTIONS[int(np.argmax(sizes))]
     values = [1e-3 * moment.sel(coordinate=component).values for moment in moments]
     for name, numbers, line in zip(names, values, LINES, strict=False):
         ax.plot(numbers, height, color=COLOURS[0], linestyle=line, label=name.replace("bending_moment", "").strip("_"))

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod import archive, mast
@@ -28,7 +27,7 @@ from cablepod.study._timing import timed
 STAGES, FIGURES = ("scene", "rest", "frequencies", "motion", "guys"), ("tensions", "moments", "modes")
 #: Number of frequencies.
 FREQUENCIES = 20
-OUTPUTS = ("displacement", "guy_tension", "bending_moment", "extremes", "error_estimate")
+OUTPUTS = ("displacement", "guy_tension", "bending_moment", "extremes", "envelopes", "error_estimate")
 
 
 def run_mast(
@@ -143,7 +142,7 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
 
     drawings: dict[str, Callable[..., Any]] = {
         "tensions": partial(plots.guy_tensions, results["motion"].assign(anchor=results["rest"]["anchor"])),
-        "moments": partial(plots.bending_moments, results["motion"], component=_largest_component(results["motion"])),
+        "moments": partial(plots.bending_moments, results["motion"]),
         "modes": partial(plots.mast_shapes, results["frequencies"]),
     }
     if "guys" not in results:
@@ -152,10 +151,3 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         draw(ax=figure.subplots())
         write_figure(figure, folder / f"{name}.png", title=str(results["scene"].attrs["title"]))
-
-
-def _largest_component(motion: xr.Dataset) -> str:
-    """Return the direction in which the mast bends most."""
-    moment = motion["bending_moment"]
-    largest = abs(moment).max([dim for dim in moment.dims if dim != "coordinate"])
-    return str(moment["coordinate"].values[int(np.argmax(largest.values))])
