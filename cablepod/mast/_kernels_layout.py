@@ -188,9 +188,7 @@ class CondensedState(NamedTuple):
     on_q: np.ndarray  #: forces on the coordinates (2, r, lanes)
     damped: np.ndarray  #: the same less damping (2, r, lanes)
     ends: np.ndarray  #: upper ends, see the head of this file (5, lanes)
-    moved: (
-        np.ndarray
-    )  #: displacements or rates of the ends along both normals; later sums of moments times forces (2, lanes)
+    moved: np.ndarray  #: ends along both normals: displacements, rates; later moments times forces (2, lanes)
     axis_x: np.ndarray  #: axis along the chord (lanes,)
     axis_y: np.ndarray  #: the same
     axis_z: np.ndarray  #: the same
@@ -208,25 +206,21 @@ class CondensedState(NamedTuple):
     quadratic: np.ndarray  #: work of the tilt (lanes,)
     linear: np.ndarray  #: work of the load (lanes,)
     tilted: np.ndarray  #: a row of the tilt times the coordinates (lanes,)
-    saved: (
-        np.ndarray
-    )  #: deflections, rates half a step before and after at the outputs (outputs, 3, 2, r, lanes), or no rows
+    saved: np.ndarray  #: deflections, rates half a step before and after (outputs, 3, 2, r, lanes), or no rows
 
     @classmethod
     def of(cls, p: np.ndarray, saved: np.ndarray) -> CondensedState:
         """Return the state at rest with coordinates `p`, whose forces on the mast are not yet known."""
         lanes = p.shape[2]
-        alike, rows = (np.zeros(p.shape) for _ in range(6)), (np.zeros(lanes) for _ in range(17))
-        return cls(p.copy(), *alike, np.zeros((5, lanes)), np.zeros((2, lanes)), *rows, saved)
+        shapes = [p.shape] * 6 + [(5, lanes), (2, lanes)] + [(lanes,)] * 17
+        return cls._make([p.copy(), *map(np.zeros, shapes), saved])
 
 
 class CondensedWind(NamedTuple):
     """Wind along condensed guys at points of quadrature."""
 
     velocity: np.ndarray  #: (samples, 3 points lanes) [m/s]
-    drag: (
-        np.ndarray
-    )  #: half the density of the air times drag coefficient, diameter and length of a point (points, lanes) [kg/m]
+    drag: np.ndarray  #: half the density of the air times drag area of a point (points, lanes) [kg/m]
     sigma: np.ndarray  #: places of the points (points,)
     shapes: np.ndarray  #: of unit length and mass (2, points, r)
     slopes: np.ndarray  #: their slopes (2, points, r)

@@ -66,9 +66,11 @@ def march(
         Pace(request.step, request.every, request.steps, hold, *request.window_steps), beam, BeamState.of(levels, modes),
         drive.loads, wind, ends, condensed, chains, static, guy_wind, record,
     )  # fmt: skip
-    of_levels = (own.reshape(levels, 2, -1) for own in _by_value(record.of_levels))
-    of_tensions = (own[:count] for own in _by_value(record.of_tensions))
-    result = MastTrajectory(request, *record[:5], *of_levels, *of_tensions)
+    of_levels, of_tensions = _by_value(record.of_levels), _by_value(record.of_tensions)
+    result = MastTrajectory(
+        request, record.modal, record.rates, record.force, record.tension, record.drag,
+        of_levels[0].reshape(levels, 2, 4), of_levels[1].reshape(levels, 2, 2), of_tensions[0][:count], of_tensions[1][:count],
+    )  # fmt: skip
     result.finish(status, at, guy, np.stack([ends.least, ends.least_step], axis=-1)[:count])
     return result
 
