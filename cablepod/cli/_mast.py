@@ -182,9 +182,10 @@ def _around_break(study: xr.DataTree) -> list[str]:
     if not times:
         return []
     at = ", ".join(f"{time:g} s" for time in times)
-    after = (
-        f"; of the part after it: cp.mast.simulate(scene, window=({times[-1]:g}, {end:g}))" if times[-1] < end else ""
-    )
+    after = ""
+    if times[-1] < end:
+        call = f'cp.mast.simulate(scene, guys="{motion.attrs["guys"]}", window=({times[-1]:g}, {end:g}))'
+        after = f"; of the part after it: {call}"
     return [f"note: statistics of guys and mast mix what is before and after the break at {at}{after}"]
 
 

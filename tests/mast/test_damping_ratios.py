@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mast_scenes import small
@@ -29,25 +31,19 @@ def damped(damping, **mast):
 
 @pytest.mark.parametrize("number", [0, 1, 3, 5])
 def test_each_vibration_of_a_guy_has_its_ratio(number):
-    # a mast that is too heavy to move: the guys vibrate between fixed ends
+    # a mast that is too heavy to move: the guys vibrate between fixed ends, from a start that no scene can give
     p = mast_parameters(damped({"ratios": RATIOS}, bending_stiffness=4e12, mass=2e7, base="clamped"))
     model = CondensedGuys(ModalMast(rest_of(p)), (sines(3), sines(3)), None)
     q, on_mast = model.rest
     squared, vectors = np.linalg.eigh(model.guys.stiffness_of(q, model.guys.upper)[1])
-    amplitude = 1e-4 / np.linalg.norm(vectors[:, number]) * vectors[:, number]
-    displaced = q.copy()
-    displaced[1] += amplitude
-    vars(model)["rest"] = displaced, on_mast
     omega = np.sqrt(squared[number])
-    step = 0.1 / omega
-    request = MastRequest(step * np.arange(600), 1, None, keeps_guys=True)
-    saved = {}
-    finished = model.finished
-    object.__setattr__(
-        model, "finished", lambda result, states, *rest: saved.update(q=states[:, 0]) or finished(result, states, *rest)
-    )
-    CondensedRun(model, None).run(request)
-    motion = (saved["q"][:, 1] - q[1]) @ vectors[:, number] / 1e-4
+    request = MastRequest(0.1 / omega * np.arange(600), 1, None, keeps_guys=True)
+    start = q.copy()
+    start[1] += 1e-4 / np.linalg.norm(vectors[:, number]) * vectors[:, number]
+    rest = CondensedRun(model, None).run(replace(request, times=request.times[:2])).guy_position[0, 1]
+    vars(model)["rest"] = start, on_mast
+    moved = CondensedRun(model, None).run(request).guy_position[:, 1] - rest
+    motion = (moved * moved[0]).sum(axis=(1, 2)) / (moved[0] ** 2).sum()
 
     def decaying(t, rate, frequency, c, s, mean):
         return np.exp(-rate * t) * (c * np.cos(frequency * t) + s * np.sin(frequency * t)) + mean

@@ -10,7 +10,7 @@ import pytest
 from mast_scenes import WIND, small
 
 import cablepod as cp
-from cablepod.archive import _lineage as lineage
+from cablepod import lineage
 from cablepod.cli._mast import as_json, check_text, text
 from cablepod.errors import ArchiveError
 
@@ -129,3 +129,60 @@ def test_the_row_of_a_guy_says_when_it_breaks(tmp_path):
     assert rows["2"].endswith("  breaks at 2 s")
     assert not any("breaks" in rows[guy] for guy in ("1", "3"))
     assert [row.get("breaks") for row in json.loads(as_json(study))["guys"]] == [None, 2.0, None]
+
+
+def printed_numbers(line):
+    """Numbers of a printed line in SI units, by the word after them or before."""
+    factors = {"N": 1.0, "kN": 1e3, "MN": 1e6}
+    return [float(number) * factors[unit] for number, unit in re.findall(r"([\d.]+) ([kM]?N)\b", line)]
+
+
+def test_shear_and_reactions_are_printed(tmp_path):
+    scene = small(windy)
+    study = cp.study.run(scene, tmp_path / "out")
+    lines = text(study, tmp_path / "out").splitlines()
+    (shear,), (forces,) = ([line for line in lines if word in line] for word in (" shear ", "force on the foundation"))
+    names = ("shear_force", "foot_force", "anchor_force", "axial_compression")
+    run = cp.mast.simulate(scene, outputs=names)
+    sizes = np.sqrt((run.shear_force**2).sum("coordinate")).max(["time", "end"])
+    (largest,) = printed_numbers(shear)
+    assert largest == pytest.approx(float(sizes.max()), rel=1e-3)  # four digits
+    bottom = float(run.element_bottom[int(sizes.argmax())])
+    assert f" between {bottom:g} and " in shear
+    horizontal = np.hypot(run.foot_force.sel(coordinate="x"), run.foot_force.sel(coordinate="z")).max()
+    anchors = np.sqrt((run.anchor_force**2).sum("coordinate")).max("time")
+    expected = [run.axial_compression[:, 0].max(), horizontal, anchors.max()]
+    np.testing.assert_allclose(printed_numbers(forces), expected, rtol=1e-3)
+    assert f"on the anchor of guy {int(anchors.argmax()) + 1} " in forces
+    found = json.loads(as_json(study))["answers"]
+    assert found["largest_foot_force_downwards"] == pytest.approx(float(expected[0]), rel=1e-12)
+    assert not any(line.startswith("note:") for line in lines)
+
+
+def test_statistics_around_a_break_are_noted_with_the_call_for_those_after_it(tmp_path):
+    def change(mapping):
+        windy(mapping)
+        mapping["guy"].append({**mapping["guy"][0], "level": 15.0, "breaks": 2.0, "breaks_number": 2})
+
+    scene = small(change)
+    study = cp.study.run(scene, tmp_path / "out")
+    (note,) = [line for line in text(study, tmp_path / "out").splitlines() if line.startswith("note:")]
+    assert "before and after the break at 2 s" in note
+    after = eval(note.rsplit("the part after it: ", 1)[1], {"cp": cp, "scene": scene})
+    assert float(after.guy_tension_maximum.isel(guy=4)) == 0.0  # it is broken from the start of the window on
+    motion = study["motion"].to_dataset()
+    assert float(motion.guy_tension_maximum.isel(guy=4)) > 1000.0
+    late = motion.guy_tension.sel(time=slice(2.0, None))
+    np.testing.assert_allclose(after.guy_tension_mean, late.mean("time"), rtol=0.05, atol=1.0)  # all steps, or outputs
+
+
+@pytest.mark.parametrize("towards", ["x", "z"])
+def test_bending_moments_are_drawn_in_the_direction_in_which_the_mast_bends_most(towards):
+    def change(mapping):
+        force = [1000.0, 0.0, 100.0] if towards == "x" else [100.0, 0.0, 1000.0]
+        mapping["mast"]["load"] = [{"level": 15.0, "force": force}]
+
+    rest, run = cp.mast.rest(small(change)), cp.mast.simulate(small(change), outputs=("bending_moment", "extremes"))
+    for result in (rest, run):
+        assert f"along {towards} " in cp.plots.bending_moments(result).get_xlabel()
+    assert "along z " in cp.plots.bending_moments(run, component="z").get_xlabel()
