@@ -147,13 +147,13 @@ def test_shear_and_reactions_are_printed(tmp_path):
     sizes = np.sqrt((run.shear_force**2).sum("coordinate")).max(["time", "end"])
     (largest,) = printed_numbers(shear)
     assert largest == pytest.approx(float(sizes.max()), rel=1e-3)  # four digits
-    bottom = float(run.element_bottom[int(sizes.argmax())])
+    bottom = float(run.element_bottom[int(sizes.values.argmax())])
     assert f" between {bottom:g} and " in shear
     horizontal = np.hypot(run.foot_force.sel(coordinate="x"), run.foot_force.sel(coordinate="z")).max()
     anchors = np.sqrt((run.anchor_force**2).sum("coordinate")).max("time")
     expected = [run.axial_compression[:, 0].max(), horizontal, anchors.max()]
     np.testing.assert_allclose(printed_numbers(forces), expected, rtol=1e-3)
-    assert f"on the anchor of guy {int(anchors.argmax()) + 1} " in forces
+    assert f"on the anchor of guy {int(anchors.values.argmax()) + 1} " in forces
     found = json.loads(as_json(study))["answers"]
     assert found["largest_foot_force_downwards"] == pytest.approx(float(expected[0]), rel=1e-12)
     assert not any(line.startswith("note:") for line in lines)
