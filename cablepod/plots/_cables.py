@@ -55,31 +55,46 @@ def shapes(
     Notes
     -----
     Figures 6 to 9 of the paper.  The normal lies in the plane of the chord and y, and points up at the first instant.  A spatial
-    cable is seen along z, or drawn by its deflection in that plane, as the legend states.
+    cable is seen along z, or drawn by its deflection in that plane; one that moves more across it, as in wind from the side, is
+    seen along y, or drawn by its deflection across the plane.  The legend states which.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
     wanted = _wanted(positions["chain"], times)
+    across = _moves_across(positions["chain"].values, deflection=deflection)
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for key, position in positions.items():
         pick, values = _style.instants(key, position["time"].values, wanted), position.values
         if deflection:
-            up = _style.deflection(key, values)[pick]
+            up = _style.deflection(key, values, across=across)[pick]
             curves[key] = np.broadcast_to(_style.sigma(key, runs[key]), up.shape), up
         else:
-            curves[key] = values[pick, :, 0], values[pick, :, 1]
+            curves[key] = values[pick, :, 0], values[pick, :, 2 if across else 1]
     ax = _style.axes(ax)
     handles = _draw_instants(ax, *curves.values())
     title = "dots: " + _style.name(chain, "chain")
     if reduced is not None:
         title += "\nlines: " + _style.name(reduced, "reduced cable")
     if positions["chain"].sizes["coordinate"] > 2:
-        title += "\nin the plane of chord and y" if deflection else "\nseen along z"
+        where = "across the plane of chord and y" if across else "in the plane of chord and y"
+        title += f"\n{where}" if deflection else f"\nseen along {'y' if across else 'z'}"
     if deflection:
         ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
     else:
-        _style.equal_axes(ax)
+        _style.equal_axes(ax, "z" if across else "y")
     return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
+
+
+def _moves_across(position: np.ndarray, *, deflection: bool = False) -> bool:
+    """Tell whether a cable (time, particle, coordinate) moves more along z than y; or across its plane than in it."""
+    if position.shape[2] < 3:
+        return False
+    if deflection:
+        both = [_style.deflection("chain", position, across=across) for across in (False, True)]
+    else:
+        both = [position[..., 1], position[..., 2]]
+    in_plane, across = (float(np.ptp(values, axis=0).max()) for values in both)
+    return across > in_plane
 
 
 def snapshots(
@@ -110,7 +125,7 @@ def snapshots(
     -------
     matplotlib.axes.Axes
         `ax`, or new ones: the chain as dots, the cable as lines, the first shape of the cable as a thin grey line.  x and y are
-        to the same scale; a spatial cable is seen along z.
+        to the same scale; a spatial cable is seen along z, or along y where it moves more along z.
 
     Raises
     ------
@@ -123,15 +138,16 @@ def snapshots(
     values = [position.values for position in positions.values()]
     factor = _factor(values[0][picks[0]], values[0][0]) if magnify is None else number(above=0.0)("magnify", magnify)
     ax = _style.axes(ax)
-    first = values[1][0]
-    ax.plot(first[:, 0], first[:, 1], color="0.6", linewidth=0.8, zorder=0)
+    first, across = values[1][0], _moves_across(values[0])
+    up = 2 if across else 1
+    ax.plot(first[:, 0], first[:, up], color="0.6", linewidth=0.8, zorder=0)
     drawn = [x[0] + factor * (x[pick] - x[0]) for x, pick in zip(values, picks, strict=True)]
-    handles = _draw_instants(ax, *((x[..., 0], x[..., 1]) for x in drawn))
+    handles = _draw_instants(ax, *((x[..., 0], x[..., up]) for x in drawn))
     title = f"dots: {_style.name(chain, 'chain')}\nlines: {_style.name(cable, 'cable')}\ngrey: at t = "
     title += f"{positions['cable']['time'].values[0]:g} s\ndisplacements × {factor:g}"
     if first.shape[1] > 2:
-        title += "\nseen along z"
-    _style.equal_axes(ax)
+        title += f"\nseen along {'y' if across else 'z'}"
+    _style.equal_axes(ax, "z" if across else "y")
     return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
 

@@ -62,9 +62,9 @@ def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
     )
 
 
-def equal_axes(ax: Axes) -> None:
-    """Label axes of shapes, and draw x and y to the same scale."""
-    ax.set(xlabel="x [m]", ylabel="y [m]")
+def equal_axes(ax: Axes, up: str = "y") -> None:
+    """Label axes of shapes, and draw x and the coordinate `up` to the same scale."""
+    ax.set(xlabel="x [m]", ylabel=f"{up} [m]")
     ax.set_aspect("equal", adjustable="datalim")
 
 
@@ -160,8 +160,8 @@ def instants(key: str, times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def deflection(key: str, position: np.ndarray) -> np.ndarray:
-    """Return deflections (time, particle) [m] normal to the chord, in the plane of chord and y."""
+def deflection(key: str, position: np.ndarray, *, across: bool = False) -> np.ndarray:
+    """Return deflections (time, particle) [m] normal to the chord, in the plane of chord and y or across it."""
     chord = position[:, -1] - position[:, 0]
     length = np.linalg.norm(chord, axis=1)
     if not length.all():
@@ -173,6 +173,9 @@ def deflection(key: str, position: np.ndarray) -> np.ndarray:
     # the same side at all instants, also if the chord passes the vertical
     along = np.divide(flat, norm, out=np.tile(first, (len(flat), 1)), where=norm > 0.0)
     along *= np.where(along @ first < 0.0, -1.0, 1.0)[:, None]
+    if across:
+        normal = np.stack([-along[:, 1], np.zeros(len(along)), along[:, 0]], axis=1)
+        return np.asarray(np.einsum("tpc,tc->tp", position - position[:, :1], normal))
     normal = np.empty_like(chord)
     normal[:, level] = -chord[:, 1:2] * along
     normal[:, 1] = np.sum(flat * along, axis=1)

@@ -129,7 +129,9 @@ def test_the_factor_is_a_round_number_that_makes_a_tenth_of_the_chord(size, fact
 
 
 def test_spatial_snapshots_say_from_where_they_are_seen():
-    title = plots.snapshots(trajectory(3), trajectory(3)).get_legend().get_title().get_text()
+    run = trajectory(3)
+    run["position"].values[..., 2] *= 0.3
+    title = plots.snapshots(run, run).get_legend().get_title().get_text()
     assert title.endswith("seen along z")
 
 

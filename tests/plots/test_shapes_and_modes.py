@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import subprocess
 import sys
+from functools import partial
 
 import matplotlib as mpl
 import numpy as np
@@ -120,6 +121,7 @@ def test_a_sag_is_drawn_downwards_whichever_end_is_on_the_left():
 
 def test_spatial_deflection_is_in_the_plane_of_chord_and_y():
     chain = trajectory(3)
+    chain["position"].values[..., 2] *= 0.3
     planar = chain.isel(coordinate=slice(2))
     ax = plots.shapes(chain, deflection=True)
     for one, other in zip(ax.lines, plots.shapes(planar, deflection=True).lines, strict=True):
@@ -131,6 +133,20 @@ def test_spatial_deflection_is_in_the_plane_of_chord_and_y():
     upright["position"].values[..., 2] *= 0.0
     (line,) = plots.shapes(upright, times=[0.0], deflection=True).lines
     np.testing.assert_array_equal(line.get_ydata(), 0.0)
+
+
+def test_a_cable_that_moves_across_its_plane_is_drawn_there():
+    chain = trajectory(3)
+    chain["position"].values[..., 2] *= 3.0
+    z = chain.position.values[2, :, 2]
+    for draw, words in (
+        (plots.shapes, "seen along y"), (partial(plots.shapes, deflection=True), "across the plane of chord and y"),
+        (lambda run, times: plots.snapshots(run, run, times=times, magnify=1.0), "seen along y"),
+    ):  # fmt: skip
+        ax = draw(chain, times=[0.2])
+        assert any(np.allclose(line.get_ydata(), z, atol=1e-14) for line in ax.lines)
+        assert words in ax.get_legend().get_title().get_text()
+        assert ax.get_ylabel() == ("deflection normal to the chord [m]" if "across" in words else "z [m]")
 
 
 def test_a_long_chain_is_thinned_in_its_dots_only():
