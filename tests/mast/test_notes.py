@@ -12,8 +12,6 @@ import pytest
 import cablepod as cp
 from cablepod import examples
 from cablepod.cli._mast import table_of_guys, text
-from cablepod.parameters._mast import mast_parameters
-from cablepod.scene._mast_notes import notes_of_mast
 
 #: A mast as an engineer gives it; nothing is unusual about it.
 MAST = {
@@ -55,7 +53,7 @@ def warned(function, *arguments, **options):
 
 @pytest.mark.parametrize("scene", [cp.make_scene(MAST), *map(examples.scene, ("mast30", "mast120"))])
 def test_a_usual_mast_has_no_notes(scene):
-    assert notes_of_mast(mast_parameters(scene)) == []
+    assert str(cp.summary(scene).note.values) == ""
     assert warned(cp.mast.rest, scene) == []
 
 

@@ -15,14 +15,14 @@ from cablepod.parameters._mast import mast_parameters
 
 
 def test_shipped_masts_are_read():
-    p = mast_parameters(examples.scene("mast120"))
-    assert [guy.level for guy in p.guys] == [40.0] * 3 + [80.0] * 3 + [115.0] * 3
-    assert [guy.table for guy in p.guys] == [1] * 3 + [2] * 3 + [3] * 3
-    anchors = np.array([guy.p.lower for guy in p.guys])
+    rest = cp.mast.rest(examples.scene("mast120"))
+    assert rest.guy_level.values.tolist() == [40.0] * 3 + [80.0] * 3 + [115.0] * 3
+    assert rest.table.values.tolist() == [1] * 3 + [2] * 3 + [3] * 3
+    anchors = rest.anchor.values
     np.testing.assert_allclose(np.hypot(anchors[:, 0], anchors[:, 2]), [50.0] * 3 + [80.0] * 6, rtol=1e-14)
     np.testing.assert_allclose(anchors[0], [-50.0, 0.0, 0.0], atol=1e-12)
     assert np.abs(anchors.reshape(3, 3, 3).sum(axis=1)).max() < 1e-12  # evenly round the mast
-    assert mast_parameters(examples.scene("mast30")).base == "pinned"
+    assert str(examples.scene("mast30").mast_base.values) == "pinned"
 
 
 def test_key_paths_have_two_forms():
