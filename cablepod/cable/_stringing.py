@@ -29,7 +29,7 @@ from cablepod.parameters._keys import ICE, TOP, check_table
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.scene._completed import completed
-from cablepod.scene._make import check_numbers
+from cablepod.scene._limits import check_numbers
 from cablepod.scene._ranges import HERE
 from cablepod.scene._wind import check_wind
 from cablepod.wind._profile import air_at_rest
@@ -160,11 +160,10 @@ def _of_case(scene: xr.Dataset, name: str, tables: Any) -> xr.Dataset:
         if "ice" in tables:
             values |= {f"ice.{name}": value for name, value in check_table("ice", tables["ice"], ICE).items()}
         if "wind" in tables:
-            cable = {"diameter": 1.0} if "cable_diameter" in scene else {}
-            wind = check_wind(tables["wind"], cable, scene.sizes["coordinate"], HERE)
+            wind = check_wind(tables["wind"], HERE)
             values |= {f"wind.turbulence.{name}": value for name, value in wind.pop("turbulence", {}).items()}
             values |= {f"wind.{name}": value for name, value in wind.items()}
-        return completed(bare, values, ())
+        return completed(bare, values)
     except SceneError as error:
         if str(error).startswith(CASE):
             error.args = (f"{key}.{error}",)

@@ -19,9 +19,9 @@ from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import text
 from cablepod.parameters._key_paths import dotted, flat, kind_in, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
-from cablepod.scene._completed import check_vector, checked_table, completed, may_have, variables_at
+from cablepod.scene._completed import completed, may_have, variables_at
 from cablepod.scene._hertz import ranges_in_radians
-from cablepod.scene._make import check_scene_numbers
+from cablepod.scene._make import check_scene
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._ranges import (
     ALLOWED_PATHS,
@@ -123,8 +123,8 @@ def _check_ranges(
     for path, values in ranges.items():
         checked[path] = _checked_values(scene, join(prefix, path), path, values, options)
     scene = _completed(scene, checked, prefix)
-    for path, values in checked.items():
-        _check_bounds(scene, join(prefix, path), path, values, ranges, options)
+    for path in checked:
+        _check_bounds(scene, join(prefix, path), path, checked, ranges, options)
     if options["sampling"] == "grid":
         points_of_grid(checked, options["members"], key="members")
     return scene, dict(sorted(checked.items()))  # the result does not depend on the order of the ranges
@@ -149,9 +149,8 @@ def _checked_values(scene: xr.Dataset, key: str, path: Any, values: Any, options
     chosen = check_choices(key, values, of, **sampling)
     if of.check is text:
         return [str(Path(value).absolute()) for value in chosen]
-    if variable_name(path) in scene:
-        for value in chosen:
-            check_vector(scene, path, value)
+    for value in chosen:
+        variables_at(scene, path, [value])  # refuses vectors of another number of components
     return chosen
 
 
@@ -168,16 +167,17 @@ def _completed(scene: xr.Dataset, checked: Mapping[str, list[Any]], prefix: str)
         if variable_of(scene, path) is None and variable_name(path) not in scene
     }
     try:
-        return completed(scene, lacking, checked)
+        return completed(scene, lacking)
     except SceneError as error:
         raise SceneError(f"{prefix}: given {', '.join(lacking)}, which make no scene: {error}") from None
 
 
 def _check_bounds(
-    scene: xr.Dataset, key: str, path: str, values: list[Any], ranges: Mapping[str, Any], options: Mapping[str, Any]
-) -> None:
-    """Check the scenes at the bounds of a range, or with each of its texts and lists."""
-    target, are_words = variable_of(scene, path), are_choices(values)
+    scene: xr.Dataset, key: str, path: str, checked: Mapping[str, list[Any]], ranges: Mapping[str, Any],
+    options: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Check the scenes at the bounds of a range, or with each of its texts and lists; of a list of members, these members."""
+    values, target = checked[path], variable_of(scene, path)
     is_whole = target is not None and scene[target[0]].dtype.kind == "i"
     listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
     if is_whole and not (listed and all(value.is_integer() for value in values)):
@@ -186,11 +186,14 @@ def _check_bounds(
         try:
             if target is not None and target[1] is None:
                 target[2].check(path, int(value) if is_whole and value.is_integer() else value)
-            column = [value] if are_words else np.array([value])
-            varied = _vary(scene, {path: column}, ranges).isel(member=0, drop=True)
-            if are_words:
-                checked_table(varied, path.rpartition(".")[0], ranges)
-            check_scene_numbers(varied)
+            row = {path: value}
+            if options["sampling"] == "list":
+                row = {other: given[values.index(value)] for other, given in checked.items()}
+            columns = {
+                name: [entry] if are_choices(checked[name]) else np.array([entry]) for name, entry in row.items()
+            }
+            varied = _vary(scene, columns, ranges).isel(member=0, drop=True)
+            check_scene(varied)
         except SceneError as error:
             raise SceneError(f"{key}: given {shown(values)}, at {shown_value(value)} no scene: {error}") from None
 

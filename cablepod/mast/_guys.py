@@ -13,7 +13,8 @@ from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
 from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
 from cablepod.condensed._host import _gauss, static_stiffness
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
-from cablepod.parameters._mast import Guy, MastParameters
+from cablepod.parameters._guys import Guy
+from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import drag_of

@@ -74,6 +74,11 @@ def integer(*, least: int, most: int = 2**62) -> Check:
     return check
 
 
+def plain(value: Any) -> Any:
+    """Return a value as Python holds it, for messages."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
 def _is_list(value: Any) -> bool:
     return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
 

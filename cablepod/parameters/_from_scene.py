@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import xarray as xr
@@ -14,36 +14,32 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._checks import choice
-from cablepod.parameters._given import cross_section, upper_end
-from cablepod.parameters._key_paths import dotted, motion_path, point_load_path, table_at, variable_name, whole_table_at
+from cablepod.parameters._given import both_ends, check_start, cross_section
+from cablepod.parameters._key_paths import motion_path, value_at
 from cablepod.parameters._keys import (
-    CABLE,
     ICE,
     INITIAL,
     LENGTH_KEYS,
     POINT_LOAD,
-    TABLES,
-    TURBULENCE,
-    WIND,
     check_damping,
     exactly_one,
     time_function_keys,
 )
-from cablepod.parameters._nonuniform import VARIABLES as NONUNIFORM
-from cablepod.parameters._nonuniform import with_segments_and_attachments
+from cablepod.parameters._nonuniform import NONUNIFORM, with_segments_and_attachments
 from cablepod.parameters._parameters import Parameters, PointLoad
-from cablepod.parameters._particles import check_own, number_of_links, with_means
-from cablepod.parameters._scene_values import check_values, refuse_gap
+from cablepod.parameters._particles import check_links, check_own, number_of_links, with_means
+from cablepod.parameters._scene_values import check_values, listed, of_keys, tables_of, whole
 from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of, temperatures_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
+from cablepod.parameters._wind import turbulence_of, wind_of
 from cablepod.provenance import digest
 
 #: Variables of a record: times [s] and values, duration of the smooth start [s].
 RECORD = ("time", "value", "ramp")
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
 STACKED_TABLES = ("gravity", *TEMPERATURES, "cable_", "ends_", "load_", "motion_", "damping_")
-#: Variables that each member has.
-NEEDED = ("gravity", "ends_lower")
+#: Keys that each member has.
+NEEDED = ("gravity", "ends.lower")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
@@ -104,7 +100,7 @@ class Members(Sequence[Parameters]):
             if "member" in variable.dims:
                 values = variable.transpose("member", ...).values
                 (self.gapped if _has_gap(values) else self.varied)[str(name)] = values
-            elif not _is_gap(value := variable.values[()]):
+            elif not is_gap(value := variable.values[()]):
                 self.fixed[str(name)] = value
         self._count = scene.sizes.get("member", 1)
         check_values(self.fixed, self.varied | self.gapped)
@@ -122,10 +118,12 @@ class Members(Sequence[Parameters]):
             return [self[i] for i in range(*index.indices(self._count))]
         if not -self._count <= index < self._count:
             raise IndexError(index)  # ends iteration
-        return _from_values(
-            self.fixed
-            | {name: values[index] for name, values in self.varied.items()}
-            | {name: values[index] for name, values in self.gapped.items() if not _is_gap(values[index])}
+        return cable_of(
+            tables_of(
+                self.fixed
+                | {name: values[index] for name, values in self.varied.items()}
+                | {name: values[index] for name, values in self.gapped.items() if not is_gap(values[index])}
+            )
         )
 
     @property
@@ -142,7 +140,7 @@ class Members(Sequence[Parameters]):
             or p.tension_damping is not None
             or "damping_tension_proportional" in self.varied
             or names & {"damping_ratio", "damping_ratios"}
-            or any(name.startswith(("wind_", "ice_", *NONUNIFORM)) for name in names)
+            or any(name.startswith(("wind_", "ice_", *(f"{table}_" for table in NONUNIFORM))) for name in names)
             or names & {"chain_masses", "chain_stiffness"}
             or any(motion.kind not in SINES for motion in p.motions.values())
         )
@@ -157,18 +155,18 @@ class Members(Sequence[Parameters]):
                 rows = value[first:last] if name in self.varied else np.full((last - first, *np.shape(value)), value)
                 value = rows[:, None].astype(float) if name.startswith("motion_") else rows.astype(float)
             values[name] = value
-        return _from_values(values, number=np.asarray)
+        return cable_of(tables_of(values), np.asarray)
 
 
 def _has_gap(values: np.ndarray) -> bool:
     """Tell whether a row of the values of a variable (members, ...) is a gap."""
     if values.dtype.kind != "f":
-        return any(map(_is_gap, values))
+        return any(map(is_gap, values))
     missing = np.isnan(values).reshape(len(values), -1)  # ten thousand members in no time
     return bool(missing.shape[1] and missing.all(axis=1).any())
 
 
-def _is_gap(value: Any) -> bool:
+def is_gap(value: Any) -> bool:
     """Tell whether a value is nan, with which xarray.concat fills the variables that a scene lacks."""
     if isinstance(value, float | str):  # the common case, ten times as fast as the test of arrays
         return value != value
@@ -176,81 +174,124 @@ def _is_gap(value: Any) -> bool:
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 
 
-def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float, above: str = "") -> Parameters:
-    """Make parameters from the values of scene variables by name, converted by `number`.
+class Paths(NamedTuple):
+    """Key paths of the tables of one cable, for messages."""
 
-    `above` is the beginning of the paths of segments and attachments, for messages.
+    cable: str = "cable"
+    length: str = "cable"  #: of the table with the key of its length
+    anchor: str = ""  #: of a guy: of the key of its lower end
+    above: str = ""  #: beginning of the paths of its segments and attachments
+    length_keys: tuple[str, ...] = LENGTH_KEYS
+
+
+ONE_CABLE = Paths()
+
+
+def cable_of(tables: Mapping[str, Any], number: Callable[[Any], Any] = float, paths: Paths = ONE_CABLE) -> Parameters:
+    """Make parameters from the tables of a scene of one cable, whose values are converted by `number`.
+
+    Raises
+    ------
+    SceneError
+        For keys that are missing, or do not go together; the message names the key.
     """
-    uniform = _uniform_from_values(values, number)
-    if any(name.startswith(NONUNIFORM) for name in values):
-        if uniform.own_keys:
-            raise SceneError(f"{uniform.own_keys[0]}: given; allowed: none beside [[segment]] and [[attachment]]")
-        return with_segments_and_attachments(uniform, values, _uniform_from_values, above)
-    return uniform
-
-
-def _uniform_from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> Parameters:
-    """Make the parameters of a cable without segments and attachments, as :func:`_from_values`."""
-    for name in NEEDED:
-        if name not in values:
-            raise SceneError(f"{dotted(name)}: missing; allowed: a number, as make_scene gives it")
-    cable = table_at(values, "cable", CABLE)
-    time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
-    check_own(cable, chain, table_at(values, "initial", INITIAL))
-    length_key = exactly_one("cable", cable, LENGTH_KEYS)
-    gravity, free_end = number(values["gravity"]), str(values["ends_free"]) if "ends_free" in values else None
-    section = cross_section(with_means(cable, chain, free_end), gravity, number=number)
-    weight = np.zeros(values["ends_lower"].shape)
-    dims = weight.shape[-1]
-    weight[..., 1] = -section.weight
-    motions = {key: _time_function(values, motion_path(*key)) for key in product(ENDS, COORDINATES[:dims])}
-    result = Parameters(
-        stiffness=section.stiffness,
-        area=section.area,
-        mass=section.mass,
-        weight=weight,
-        lower=values["ends_lower"],
-        upper=upper_end(table_at(values, "ends", TABLES["ends"])),
+    for path in NEEDED:
+        if value_at(tables, path) is None:
+            raise SceneError(f"{path}: missing; allowed: a number, as make_scene gives it")
+    gravity, ends = number(tables["gravity"]), tables["ends"]
+    cable, time, chain, damping = (tables.get(name, {}) for name in ("cable", "time", "chain", "damping"))
+    initial, free_end = of_keys(tables.get("initial", {}), INITIAL), str(ends["free"]) if "free" in ends else None
+    lower, upper = both_ends(ends, paths.anchor)
+    check_links(chain)
+    check_own(cable, chain, initial)
+    length_key = exactly_one(paths.length, cable, paths.length_keys)
+    section = _section(cable, chain, gravity, lower, free_end, paths.cable, number)
+    check_start(initial, lower, upper, free_end)
+    wind = wind_of(tables)
+    base = Parameters(
+        **section,
+        lower=lower,
+        upper=upper,
         free_end=free_end,
-        motions={key: motion for key, motion in motions.items() if motion is not None},
-        load=values["load_uniform"] if np.any(values.get("load_uniform", 0.0)) else None,
-        load_factor=_time_function(values, "load", keeps_start=True),
-        point_loads=tuple(load for load in _point_loads(values) if np.any(load.force)),
-        stiffness_key=section.stiffness_key,
-        weight_key=section.weight_key,
+        motions=_motions(tables.get("motion", {}), lower.shape[-1], free_end),
+        load=_nonzero(tables.get("load", {}), "uniform", np.asarray),
+        load_factor=time_function(tables.get("load", {}), "load", keeps_start=True),
+        point_loads=tuple(load for load in _point_loads(tables) if np.any(load.force)),
         length_key=length_key,
         length_value=number(cable[length_key]),
         duration=float(time["duration"]) if "duration" in time else None,
         interval=float(time["interval"]) if "interval" in time else None,
         links=int(chain["links"]) if "links" in chain else number_of_links(chain),
         link_lengths=chain.get("link_lengths"),
-        initial=table_at(values, "initial", INITIAL),
+        initial=initial,
         mass_damping=_nonzero(damping, "mass_proportional", number),
         link_viscosity=_nonzero(damping, "link_viscosity", number),
         tension_damping=_nonzero(damping, "tension_proportional", number),
-        damping_ratios=_damping_ratios(damping),
+        damping_ratios=damping_ratios(damping),
         has_list_of_ratios="ratios" in damping,
-        breaking_strength=number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
-        diameter=number(cable["diameter"]) if "diameter" in cable else None,
-        drag_coefficient=number(cable.get("drag_coefficient", 1.2)),
-        wind=whole_table_at(values, "wind", WIND) or None,
-        turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
+        wind=wind,
+        turbulence=turbulence_of(tables, wind),
         masses=chain.get("masses"),
         link_stiffness=chain.get("stiffness"),
-        temperatures=temperatures_of(values, number),
+        temperatures=temperatures_of(tables, number),
     )
-    result = expanded(result, expansion_of(values, cable, "cable", number))
-    ice = whole_table_at(values, "ice", ICE)
-    return _with_ice(result, number(ice["thickness"]), number(ice["density"]), gravity) if ice else result
+    if base.wind is not None and base.diameter is None:
+        raise SceneError(f"{paths.cable}.diameter: missing; allowed: a diameter [m], on which the wind acts")
+    uniform = _in_scene(base, tables, cable, paths.cable, number)
+    if not any(name in tables for name in NONUNIFORM):
+        return uniform
+    if uniform.own_keys:
+        raise SceneError(f"{uniform.own_keys[0]}: given; allowed: none beside [[segment]] and [[attachment]]")
+
+    def of_part(own: Mapping[str, Any], path: str) -> Parameters:
+        part = replace(base, **_section(own, {}, gravity, lower, None, path, number))
+        return _in_scene(part, tables, own, path, number)
+
+    return with_segments_and_attachments(uniform, tables, of_part, paths.above)
 
 
-def _with_ice(p: Parameters, thickness: Any, density: Any, gravity: Any) -> Parameters:
-    """Return the cable with ice, which adds mass, weight and diameter, and neither stiffness nor length."""
+def _section(
+    cable: Mapping[str, Any], chain: Mapping[str, Any], gravity: Any, lower: Any, free_end: str | None, path: str,
+    number: Callable[[Any], Any],
+) -> dict[str, Any]:  # fmt: skip
+    """Return the fields of parameters that the table ``[cable]`` gives, but its length; `path` is that of the table."""
+    found = cross_section(with_means(cable, chain, free_end), gravity, own=chain, prefix=path, number=number)
+    return {
+        "stiffness": found.stiffness,
+        "area": found.area,
+        "mass": found.mass,
+        "weight": _downward(found.weight, lower),
+        "stiffness_key": found.stiffness_key,
+        "weight_key": found.weight_key,
+        "breaking_strength": number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
+        "diameter": number(cable["diameter"]) if "diameter" in cable else None,
+        "drag_coefficient": number(cable.get("drag_coefficient", 1.2)),
+    }
+
+
+def _downward(weight: Any, like: np.ndarray) -> np.ndarray:
+    """Return a weight [N/m] as a vector of the shape of another one."""
+    vector = np.zeros(like.shape)
+    vector[..., 1] = -weight
+    return vector
+
+
+def _in_scene(
+    p: Parameters, tables: Mapping[str, Any], cable: Mapping[str, Any], path: str, number: Callable[[Any], Any]
+) -> Parameters:
+    """Return a cable at the temperature of its scene and with its ice; `path` is that of its table."""
+    p = expanded(p, expansion_of(tables, cable, path, number))
+    ice = whole("ice", tables.get("ice", {}), ICE)
+    if not ice:
+        return p
+    if p.diameter is None:
+        raise SceneError(f"{path}.diameter: missing; allowed: a diameter [m], on which the ice grows")
+    thickness = number(ice["thickness"])
     if not np.any(thickness):
         return p
-    mass = ice_mass(density, thickness, p.diameter)
+    mass = ice_mass(number(ice["density"]), thickness, p.diameter)
     weight = p.weight.copy()
-    weight[..., 1] -= mass * gravity
+    weight[..., 1] -= mass * number(tables["gravity"])
     return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p.bare or p)
 
 
@@ -259,7 +300,7 @@ def ice_mass(density: Any, thickness: Any, diameter: Any) -> Any:
     return density * np.pi * thickness * (diameter + thickness)
 
 
-def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...]) -> None:
+def refuse_missing(path: str, table: Mapping[str, Any], needed: Iterable[str]) -> None:
     """Refuse the table of a scene whose variables somebody dropped."""
     for name in needed:
         if name not in table:
@@ -270,34 +311,48 @@ def _nonzero(table: Mapping[str, Any], name: str, number: Callable[[Any], Any]) 
     return number(table[name]) if name in table and np.any(table[name]) else None
 
 
-def _damping_ratios(damping: Mapping[str, Any]) -> tuple[float, ...] | None:
+def damping_ratios(damping: Mapping[str, Any]) -> tuple[float, ...] | None:
     """Return the damping ratios of the vibrations about rest; None for none."""
     check_damping(damping)
     given = np.atleast_1d(damping["ratios"] if "ratios" in damping else damping.get("ratio", 0.0))
     return tuple(map(float, given)) if given.any() else None
 
 
-def _time_function(values: Mapping[str, Any], path: str, *, keeps_start: bool = False) -> TimeFunction | None:
+def time_function(table: Mapping[str, Any], path: str, *, keeps_start: bool = False) -> TimeFunction | None:
     """Make the time function of the table at a key path; None without `kind`."""
-    if (variable := variable_name(f"{path}.kind")) not in values:
+    if "kind" not in table:
         return None
-    kind = str(choice(*time_function_keys("1"))(f"{path}.kind", str(values[variable])))
+    kind = str(choice(*time_function_keys("1"))(f"{path}.kind", str(table["kind"])))
     keys = time_function_keys("1")[kind]
-    table = table_at(values, path, RECORD if kind == "file" else keys)
-    needed = tuple(name for name, key in keys.items() if key.required or key.default is not None)
-    _check_present(path, table, RECORD[:2] if kind == "file" else needed)
+    values = of_keys(table, RECORD if kind == "file" else keys)
+    needed = [name for name, key in keys.items() if key.required or key.default is not None]
+    refuse_missing(path, values, RECORD[:2] if kind == "file" else needed)
     if kind == "file":  # of members with records of other lengths, nan after the last instant
-        last = int(np.isfinite(table["time"]).sum())
-        table |= {column: table[column][:last] for column in RECORD[:2]}
-    return TimeFunction(kind, table, keeps_start)
+        last = int(np.isfinite(values["time"]).sum())
+        values |= {column: values[column][:last] for column in RECORD[:2]}
+    return TimeFunction(kind, values, keeps_start)
 
 
-def _point_loads(values: Mapping[str, Any]) -> list[PointLoad]:
-    """Make all point loads, also those without force."""
-    loads: list[PointLoad] = []
-    while "force" in (table := table_at(values, path := point_load_path(len(loads) + 1), POINT_LOAD)):
-        _check_present(path, table, ("arc_length",))
-        factor = _time_function(values, path, keeps_start=True)
-        loads.append(PointLoad(path, float(table["arc_length"]), table["force"], factor))
-    refuse_gap(values, "point_load", POINT_LOAD, len(loads))
-    return loads
+def _motions(table: Mapping[str, Any], dims: int, free: str | None) -> dict[tuple[str, str], TimeFunction]:
+    """Make the motions of both ends along the axes of a scene."""
+    motions = {
+        (end, axis): time_function(table.get(end, {}).get(axis, {}), motion_path(end, axis))
+        for end, axis in product(ENDS, COORDINATES)
+    }
+    result = {key: motion for key, motion in motions.items() if motion is not None}
+    for end, axis in result:
+        if end == free:
+            allowed = f"no motion of the end that ends.free names ({free})"
+            raise SceneError(f"motion.{end}: given one along {axis}; allowed: {allowed}")
+        if axis not in COORDINATES[:dims]:
+            axes = ", ".join(COORDINATES[:dims])
+            raise SceneError(f"{motion_path(end, axis)}: unknown axis; allowed: {axes}")
+    return result
+
+
+def _point_loads(tables: Mapping[str, Any]) -> Iterator[PointLoad]:
+    """Yield all point loads, also those without force."""
+    for path, table in listed(tables, "point_load"):
+        refuse_missing(path, table, POINT_LOAD)
+        factor = time_function(table, path, keeps_start=True)
+        yield PointLoad(path, float(table["arc_length"]), table["force"], factor)

@@ -9,11 +9,8 @@ Wherever a key path is taken, its two forms are the same: nested tables, and the
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
-from functools import cache, lru_cache
-from itertools import chain
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,26 +18,11 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, named, shown
-from cablepod.parameters._checks import number, numbers_list, text
-from cablepod.parameters._keys import ENSEMBLE, FREQUENCY, LISTED, TABLES, TOP, Key, time_function_keys
-from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LISTED, MAST, MAST_LOAD, MAST_SECTION
+from cablepod.parameters._keys import Key
+from cablepod.parameters._tables import LISTS, is_like, key_at, place_of_variable
 
 #: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
 MAX_PARTS = 6
-#: Tables that are lists, by their path, with None for any name.
-LISTS: tuple[tuple[str | None, ...], ...] = (
-    *((table,) for table in LISTED), ("guy",), ("mast", "section"), ("mast", "load"),
-    *(("cables", None, table) for table in GUY_LISTED),
-)  # fmt: skip
-#: Tables of a mast with a number or a name: pattern of the variables of their keys (parts of the path and key), path, keys.
-MAST_LISTS = (
-    (re.compile(r"guy_(\d+)_(\w+)"), "guy", GUY),
-    (re.compile(r"mast_section_(\d+)_(\w+)"), "mast.section", MAST_SECTION),
-    (re.compile(r"mast_load_(\d+)_(\w+)"), "mast.load", MAST_LOAD),
-    *((re.compile(rf"cables_(\w+)_({name})_(\d+)_(\w+)"), "cables", keys) for name, keys in GUY_LISTED.items()),
-    (re.compile(rf"cables_(\w+)_({'|'.join(GUY_CABLE)})"), "cables", GUY_CABLE),
-    (re.compile(rf"()mast_({'|'.join(MAST)})"), "mast", MAST),
-)
 
 
 @lru_cache(maxsize=1024)
@@ -51,47 +33,14 @@ def variable_name(path: str) -> str:
 
 def dotted(path: Any) -> Any:
     """Return the key path of a variable of the scene Dataset (``cable_top_tension``); anything else as it is."""
-    return _dotted(path) if isinstance(path, str) and "." not in path else path
+    place = place_of_variable(path) if isinstance(path, str) and "." not in path else None
+    return path if place is None else place.path
 
 
-@lru_cache(maxsize=1024)
-def _dotted(path: str) -> str:
-    motion = re.fullmatch(r"motion_(lower|upper)_([xyz])_(\w+)", path)
-    if motion:
-        return f"motion.{motion[1]}.{motion[2]}.{motion[3]}"
-    listed = re.fullmatch(rf"({'|'.join(LISTED)})_(\d+)_(\w+)", path)
-    gusts = re.fullmatch(r"wind_turbulence_(\w+)", path)
-    if gusts and gusts[1] in TABLES["wind.turbulence"]:
-        return f"wind.turbulence.{gusts[1]}"
-    if path.startswith(("mast_", "guy_", "cables_")):
-        return _of_mast(path)
-    table, key = (f"{listed[1]}.{listed[2]}", listed[3]) if listed else path.split("_", 1) if "_" in path else ("", "")
-    known = LISTED[listed[1]] if listed else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
-    if key in known or (table.split(".")[0] in ("point_load", "load") and key in _keys_of_factors()):
-        return f"{table}.{key}"
-    vector, _, axis = key.rpartition("_")
-    return f"{table}.{vector}.{axis}" if axis in COORDINATES and vector in known else path
-
-
-@cache
-def _keys_of_factors() -> frozenset[str]:
-    """Return the keys that the factor of a load may have, of all kinds."""
-    return frozenset({"kind", FREQUENCY, *chain.from_iterable(time_function_keys("1").values())})
-
-
-def _of_mast(path: str) -> str:
-    """Return the key path of a variable of a mast, see :func:`_dotted`."""
-    for pattern, table, keys in MAST_LISTS:
-        found = pattern.fullmatch(path)
-        if not found:
-            continue
-        *parts, key = found.groups()
-        above, (vector, _, axis) = ".".join(filter(None, (table, *parts))), key.rpartition("_")
-        if key in keys or (table == "mast.load" and key in _keys_of_factors()):
-            return f"{above}.{key}"
-        if axis in COORDINATES and vector in keys:
-            return f"{above}.{vector}.{axis}"
-    return path
+def key_of_variable(name: str) -> Key | None:
+    """Return the key of a variable of a scene Dataset, of a component the number; None for other variables."""
+    place = place_of_variable(name)
+    return place.key if place is not None and place.of else None
 
 
 def nested(tree: Mapping[Any, Any]) -> Mapping[Any, Any]:
@@ -127,10 +76,7 @@ def _order(parts: tuple[Any, ...]) -> tuple[bool, int, int]:
 
 def _is_list(path: tuple[Any, ...]) -> bool:
     """Tell whether the table at a path is a list."""
-    return any(
-        len(own) == len(path) and all(name in (None, part) for name, part in zip(own, path, strict=True))
-        for own in LISTS
-    )
+    return any(is_like(path, own) for own in LISTS)
 
 
 def _paths(tree: Mapping[Any, Any], above: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
@@ -226,31 +172,6 @@ def listed_path(table: str, number: int) -> str:
     return f"{table}.{number}"
 
 
-def table_at(values: Mapping[str, Any], path: str, keys: Iterable[str]) -> dict[str, Any]:
-    """Return the present `keys` of the table at a key path, from values of variables by name."""
-    return {key: values[name] for key, name in _variables_of_keys(path, tuple(keys)) if name in values}
-
-
-def whole_table_at(
-    values: Mapping[str, Any], path: str, keys: Mapping[str, Key], *, also: Iterable[str] = (), unless: str = ""
-) -> dict[str, Any]:
-    """Return the keys of a table as :func:`table_at`; refuse one that lacks some that make_scene gives.
-
-    These are the keys that are required or have a default, and `also` others; a table with the key `unless` may lack them.
-    """
-    table = table_at(values, path, keys)
-    needed = [*(key for key, of in keys.items() if of.required or of.default is not None), *also]
-    missing = [key for key in needed if key not in table]
-    if table and missing and unless not in table:
-        raise SceneError(f"{path}.{missing[0]}: missing; allowed: a scene with all of {path}, as make_scene gives it")
-    return table
-
-
-@lru_cache(maxsize=1024)
-def _variables_of_keys(path: str, keys: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    return tuple((key, variable_name(f"{path}.{key}")) for key in keys)
-
-
 def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
     """Find the number of a scene Dataset at a key path.
 
@@ -261,8 +182,8 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | N
     """
     parts = path.split(".") if isinstance(path, str) else []
     axis = COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None
-    for component, of_key in ((None, parts), (axis, parts[:-1])):
-        name, key = variable_name(".".join(of_key)), _key_of(scene, of_key)
+    for component, of_key in ((None, ".".join(parts)), (axis, ".".join(parts[:-1]))):
+        name, key = variable_name(of_key), key_in(scene, of_key)
         if key is None or key.units is None or name not in scene or scene[name].dtype.kind not in "if":
             continue
         is_vector = scene[name].dims == ("coordinate",)
@@ -273,72 +194,15 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | N
     return None
 
 
-#: Variables of a record of a time function, whose values have the units of its amplitude.
-RECORD = {"time": Key(numbers_list(), "s", "instants of the record")}
-
-
-@lru_cache(maxsize=1024)
-def key_of_variable(name: str) -> Key | None:
-    """Return the key of a variable of a scene Dataset, of a component the number; None for other variables."""
-    *tables, last = dotted(name).split(".")
-    if not tables:
-        return TOP.get(last)
-    if len(tables) > 1 and last in COORDINATES and tables[0] != "motion":
-        key = key_of_variable("_".join(tables))
-        return None if key is None else replace(key, check=number())
-    table = ".".join(tables) if ".".join(tables) in TABLES else tables[0]
-    keys = dict({**TABLES, **LISTED}.get(table, {}))
-    if (of_mast := keys_of_mast(tables)) is not None:
-        keys = dict(of_mast)
-    if tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]:
-        units = "m" if tables[0] == "motion" else "1"
-        keys = dict(chain.from_iterable(of_kind.items() for of_kind in time_function_keys(units).values())) | keys
-        keys |= {"kind": Key(text, None, "kind"), **RECORD, "value": Key(numbers_list(), units, "values of the record")}
-    return keys.get(last)
-
-
-def keys_of_mast(tables: list[str]) -> Mapping[str, Key] | None:
-    """Return the keys of a table of a mast; None for other tables."""
-    if tables == ["mast"]:
-        return MAST
-    if len(tables) == 2 and tables[0] in ("guy", "cables"):
-        return GUY if tables[0] == "guy" else GUY_CABLE
-    if len(tables) == 4 and tables[0] == "cables":
-        return GUY_LISTED.get(tables[2])
-    if len(tables) == 3 and tables[0] == "mast":
-        return {"section": MAST_SECTION, "load": MAST_LOAD}.get(tables[1])
-    return None
-
-
-def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
-    """Return the key at a path; keys of time functions depend on their kind."""
-    return key_at(parts, lambda path: kind_in(scene, path))
+def key_in(scene: xr.Dataset, path: str) -> Key | None:
+    """Return the key at a path of a scene Dataset, of a time function that of its kind; None for other paths."""
+    return key_at(path, kind_in(scene, path.rpartition(".")[0]))
 
 
 def kind_in(scene: xr.Dataset, path: str) -> str | None:
     """Return the kind of the time function at a key path of a scene Dataset; None without one, and where it varies."""
     name = variable_name(f"{path}.kind")
     return str(scene[name].values) if name in scene and not scene[name].dims else None
-
-
-def key_at(parts: list[str], kind_of: Callable[[str], str | None]) -> Key | None:
-    """Return the key at a path; `kind_of` tells the kind of the time function at a path."""
-    *tables, name = parts or [""]
-    if not tables:
-        return TOP.get(name)
-    keys: dict[str, Key] = {}
-    if len(tables) == 1:
-        keys |= TABLES.get(tables[0], {})
-    elif len(tables) == 2 and tables[0] in LISTED:
-        keys |= LISTED[tables[0]]
-    elif len(tables) == 2:
-        keys |= TABLES.get(".".join(tables), {})
-    keys |= keys_of_mast(tables) or {}
-    if (tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]) and (
-        kind := kind_of(".".join(tables))
-    ):
-        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[kind]
-    return keys.get(name)
 
 
 def number_at(tree: Any, path: Any) -> float | None:

@@ -15,6 +15,7 @@ from cablepod.parameters._checks import (
     integer,
     number,
     numbers_list,
+    plain,
     point,
     points,
     text,
@@ -188,7 +189,12 @@ TURBULENCE = {
     "spectrum": Key(choice(*SPECTRA), None, "spectrum of the turbulence", required=True),
     "intensity": Key(number(above=0.0, most=1.0), "1", "standard deviation over mean speed at the reference height"),
     "length_scale": Key(number(above=0.0), "m", "length scale of the turbulence along the wind"),
-    "decay": Key(numbers_list(least_length=2, above=0.0), "1", "decay of the coherence, vertical and across the wind"),
+    "decay": Key(
+        numbers_list(least_length=2, above=0.0),
+        "1",
+        "decay of the coherence, vertical and across the wind",
+        default=(10.0, 16.0),
+    ),
     "seed": Key(integer(least=0), "1", "seed of the turbulence", default=0),
     "exact_mean": Key(truth, None, "whether the mean over the run is exactly that of the profile, false by default"),
     **WIND_RECORD,
@@ -249,7 +255,18 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
     Raises
     ------
     SceneError
-        If it is no table, for unknown and missing keys, and for values that are not allowed.
+        As :func:`check_names` and :func:`filled`.
+    """
+    return filled(prefix, check_names(prefix, table, keys), keys)
+
+
+def check_names(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
+    """Check names and values of a table of a scene against its keys; return the values.
+
+    Raises
+    ------
+    SceneError
+        If it is no table, for unknown keys, and for values that are not allowed.
     """
     if not isinstance(table, Mapping):
         raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
@@ -262,13 +279,25 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
                 f"{join(prefix, name)}: unknown key; allowed: {', '.join(allowed)}{meant(prefix, name, allowed)}"
             )
         checked[name] = keys[name].check(join(prefix, name), value)
+    return checked
+
+
+def filled(prefix: str, table: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[str, Any]:
+    """Return a table with the defaults of keys that it lacks; refuse one that lacks required keys.
+
+    Raises
+    ------
+    SceneError
+        The message names the missing key.
+    """
+    result = dict(table)
     for name, key in keys.items():
-        if name not in checked:
+        if name not in result:
             if key.required:
                 raise SceneError(f"{join(prefix, name)}: missing; allowed: {describe(key)}")
             if key.default is not None:
-                checked[name] = key.default
-    return checked
+                result[name] = key.default
+    return result
 
 
 def meant(prefix: str, name: Any, keys: Iterable[str]) -> str:
@@ -313,6 +342,6 @@ def exactly_one(prefix: str, table: Mapping[str, Any], names: tuple[str, ...]) -
     """
     present = [name for name in names if name in table]
     if len(present) != 1:
-        given = "none" if not present else " and ".join(f"{name} = {shown(table[name])}" for name in present)
+        given = "none" if not present else " and ".join(f"{name} = {shown(plain(table[name]))}" for name in present)
         raise SceneError(f"{prefix}: given {given}; allowed: exactly one of {', '.join(names)}")
     return present[0]

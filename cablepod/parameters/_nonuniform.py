@@ -11,26 +11,17 @@ import numpy as np
 
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import direction as check_direction
-from cablepod.parameters._key_paths import listed_path, table_at, variable_name
-from cablepod.parameters._keys import (
-    ATTACHED_KEYS,
-    ATTACHMENT,
-    CABLE,
-    PLACE_KEYS,
-    SEGMENT,
-    STIFFNESS_KEYS,
-    WEIGHT_KEYS,
-    exactly_one,
-)
+from cablepod.parameters._key_paths import listed_path
+from cablepod.parameters._keys import ATTACHED_KEYS, CABLE, PLACE_KEYS, STIFFNESS_KEYS, WEIGHT_KEYS, exactly_one
 from cablepod.parameters._parameters import Attachment, Parameters, Segment
-from cablepod.parameters._scene_values import refuse_gap
+from cablepod.parameters._scene_values import listed
 
 #: Distance of places on a cable that count as one, over its length.
 SAME_PLACE = 1e-9
 #: Keys of the cable of which one is given, so that the one of a segment stands in place of that of the cable.
 ALTERNATIVES = (WEIGHT_KEYS, STIFFNESS_KEYS)
-#: Beginnings of the variables of these tables.
-VARIABLES = ("segment_", "attachment_")
+#: Lists of these tables.
+NONUNIFORM = ("segment", "attachment")
 #: Sine of the angle of chord and vertical below which "normal" has no direction.
 LEAST_SINE = 1e-9
 
@@ -83,18 +74,21 @@ def segment_bounds(tables: Sequence[Mapping[str, Any]], name: str = "segment") -
 
 
 def with_segments_and_attachments(
-    uniform: Parameters, values: Mapping[str, Any], make: Callable[[Mapping[str, Any]], Parameters], above: str = ""
+    uniform: Parameters,
+    tables: Mapping[str, Any],
+    make: Callable[[Mapping[str, Any], str], Parameters],
+    above: str = "",
 ) -> Parameters:
-    """Return the parameters of a cable with the segments and attachments of scene variables.
+    """Return the parameters of a cable with its segments and attachments.
 
     Parameters
     ----------
     uniform
         Parameters without them.
-    values
-        Values of scene variables by name.
+    tables
+        Tables of the scene, with the lists of these.
     make
-        Makes the parameters of a uniform cable from such values.
+        Makes the parameters of a uniform cable from its table ``[cable]``; the key path names it in messages.
     above
         Beginning of the paths of their tables, for messages; empty for a scene of one cable.
 
@@ -103,16 +97,16 @@ def with_segments_and_attachments(
     SceneError
         The message names the key.
     """
-    tables, p = _tables(values, "segment", SEGMENT), uniform
+    segments, p = list(listed(tables, "segment", above)), uniform
     borders = borders_now = np.array([0.0, 1.0])
-    if tables:
-        bounds = segment_bounds(tables, f"{above}segment")
-        cable = table_at(values, "cable", CABLE)
-        others = {name: value for name, value in values.items() if not name.startswith("cable_")}
-        cables = []
-        for number in sorted(range(len(tables)), key=lambda number: bounds[number]):
-            own = of_segment(cable, tables[number])
-            cables.append(make(others | {variable_name(f"cable.{name}"): value for name, value in own.items()}))
+    if segments:
+        for path, own in segments:
+            for names in ALTERNATIVES:
+                if any(name in own for name in names):
+                    exactly_one(path, own, names)
+        cables = [make(of_segment(tables["cable"], own), path) for path, own in segments]
+        bounds = segment_bounds([own for _, own in segments], f"{above}segment")
+        cables = [cables[number] for number in sorted(range(len(cables)), key=lambda number: bounds[number])]
         borders = np.array([0.0, *sorted(end for _, end in bounds)[:-1], 1.0])
         lengths = np.diff(borders) * [cable.expansion for cable in cables]
         borders_now = np.concatenate([[0.0], np.cumsum(lengths)[:-1] / lengths.sum(), [1.0]])
@@ -120,7 +114,7 @@ def with_segments_and_attachments(
         if any(cable.bare is not None for cable in [uniform, *cables]):
             tensioned = [cable.bare or cable for cable in cables]
             p = replace(p, bare=_joined(uniform.bare or uniform, borders, tensioned, 1.0))
-    if attachments := _attachments(values, uniform, above):
+    if attachments := _attachments(tables, uniform, above):
         bare = None if p.bare is None else replace(p.bare, attachments=attachments)
         now = tuple(_expanded(attachment, p.expansion, borders, borders_now) for attachment in attachments)
         p = replace(p, attachments=now, bare=bare)
@@ -132,21 +126,6 @@ def _expanded(attachment: Attachment, expansion: float, borders: np.ndarray, bor
     if attachment.place_key != "arc_length":
         return replace(attachment, expansion=expansion, borders=(tuple(borders.tolist()), tuple(borders_now.tolist())))
     return replace(attachment, place=float(np.interp(attachment.place, borders, borders_now)))
-
-
-def _tables(values: Mapping[str, Any], name: str, keys: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the tables of a list.
-
-    Raises
-    ------
-    SceneError
-        For a table whose number is not the next one, as in a Dataset that lost the table before it.
-    """
-    tables: list[dict[str, Any]] = []
-    while table := table_at(values, listed_path(name, len(tables) + 1), keys):
-        tables.append(table)
-    refuse_gap(values, name, keys, len(tables))
-    return tables
 
 
 def _joined(p: Parameters, borders: np.ndarray, cables: Sequence[Parameters], expansion: float) -> Parameters:
@@ -192,34 +171,25 @@ def _joined(p: Parameters, borders: np.ndarray, cables: Sequence[Parameters], ex
     )
 
 
-def _attachments(values: Mapping[str, Any], p: Parameters, above: str) -> tuple[Attachment, ...]:
+def _attachments(tables: Mapping[str, Any], p: Parameters, above: str) -> tuple[Attachment, ...]:
     """Return the attachments that have a mass, drag, damper or spring."""
     attachments = []
-    for number, table in enumerate(_tables(values, "attachment", ATTACHMENT), start=1):
-        path = listed_path(f"{above}attachment", number)
+    for path, table in listed(tables, "attachment", above):
         place = exactly_one(path, table, PLACE_KEYS)
+        if not any(name in table for name in ATTACHED_KEYS):
+            raise SceneError(f"{path}: given none of {', '.join(ATTACHED_KEYS)}; allowed: at least one")
+        for name in ("damper", "spring"):
+            if table.get(name) and "direction" not in table:
+                allowed = f'"normal", or a vector, along which the {name} acts'
+                raise SceneError(f"{path}.direction: missing; allowed: {allowed}")
         numbers: dict[str, Any] = {name: float(table.get(name, 0.0)) for name in ATTACHED_KEYS}
         given = table.get("direction")
-        check_direction_given(path, table)
         if any(numbers.values()):
             unit = None if given is None else _unit(f"{path}.direction", given, p)
             weight = np.zeros(p.dims)
-            weight[1] = -numbers["mass"] * float(values["gravity"])
+            weight[1] = -numbers["mass"] * float(tables["gravity"])
             attachments.append(Attachment(path, place, float(table[place]), weight=weight, direction=unit, **numbers))
     return tuple(attachments)
-
-
-def check_direction_given(path: str, table: Mapping[str, Any]) -> None:
-    """Refuse a damper or a spring without a direction.
-
-    Raises
-    ------
-    SceneError
-        The message names the key.
-    """
-    for name in ("damper", "spring"):
-        if table.get(name) and "direction" not in table:
-            raise SceneError(f'{path}.direction: missing; allowed: "normal", or a vector, along which the {name} acts')
 
 
 def _unit(key: str, given: Any, p: Parameters) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import plain
 from cablepod.parameters._keys import CABLE, LENGTH_KEYS, STIFFNESS_KEYS, WEIGHT_KEYS, describe
 from cablepod.parameters._parameters import Parameters
 
@@ -29,6 +30,25 @@ def number_of_links(chain: Mapping[str, Any]) -> int | None:
     if "link_lengths" in chain:
         return len(chain["link_lengths"])
     return next((len(chain[name]) - OWN[name][0] for name in own_names(chain)), None)
+
+
+def check_links(chain: Mapping[str, Any]) -> None:
+    """Refuse relative lengths of links that are not as many as the links, or differ too much.
+
+    Raises
+    ------
+    SceneError
+        The message names the key.
+    """
+    lengths, links = chain.get("link_lengths"), chain.get("links")
+    if lengths is None:
+        return
+    if links is not None and links != len(lengths):
+        allowed = f"{int(links)} numbers, as many as chain.links says"
+        raise scene_error("chain.link_lengths", plain(lengths), allowed)
+    if not 0.0 < max(lengths) <= 1e6 * min(lengths):
+        allowed = "lengths that differ by a factor of at most 1e6"
+        raise scene_error("chain.link_lengths", plain(lengths), allowed)
 
 
 def check_own(cable: Mapping[str, Any], chain: Mapping[str, Any], initial: Mapping[str, Any]) -> None:

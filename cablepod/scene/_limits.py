@@ -2,39 +2,57 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
+from cablepod._resources import check_memory
 from cablepod.catenary._sag import least_sag
 from cablepod.catenary._statics import length_and_strain, load_plane
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._nonuniform import attachment_fractions
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.parameters._time_functions import TimeFunction
 
-#: Minimum and maximum length of the chord [m].
-SHORTEST, LONGEST = 1e-6, 1e9
 #: Maximum strain (natural rubber breaks at 5 to 8; a larger strain is a wrong number, such as a modulus in GPa).
 MAX_STRAIN = 10.0
+#: Maximum number of instants.
+MOST_INSTANTS = 1e12
 
 
-def check_limits(p: Parameters) -> None:
-    """Refuse motions, loads and statics that no cable can have, before a run.
+def check_numbers(p: Parameters) -> None:
+    """Refuse times, motions, loads and statics that no cable can have, and output larger than the memory, before a run.
 
     Raises
     ------
     SceneError
-        For motions and load factors that are not finite during the run, ends that coincide at the start, tensions below the
-        minimum, a weightless slack cable, and strains above :data:`MAX_STRAIN`; the message names the key.
+        For records that do not cover the run, motions and load factors that are not finite during it, tensions below the minimum,
+        a weightless slack cable, and strains above :data:`MAX_STRAIN`; the message names the key.
     """
+    p.check_reach(p.duration or 0.0)
     _check_functions(p)
     _check_statics(p)
+    if p.wind is not None:
+        from cablepod.scene._wind_field import check_above_ground, check_wind_record  # needed by wind only
+
+        check_above_ground(p)
+        check_wind_record(p)
+    instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
+    check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
+
+
+def check_times(duration: float | None, interval: float | None) -> None:
+    """Refuse an interval [s] longer than the run, and one so short that the number of instants is no number."""
+    if duration is None or interval is None:
+        return
+    if interval > duration:
+        raise scene_error("time.interval", interval, f"at most time.duration, {duration:g} s")
+    if duration / interval > MOST_INSTANTS:
+        raise scene_error("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
 
 
 def _check_functions(p: Parameters) -> None:
-    """Refuse motions and load factors that are not finite, and ends that coincide."""
+    """Refuse motions and load factors that are not finite."""
     end_time = p.duration or 0.0
     for key, function in p.time_functions().items():
         time = function.sampling_times(end_time)
@@ -45,11 +63,6 @@ def _check_functions(p: Parameters) -> None:
                 f"{key}: given a {function.kind} that leaves the finite numbers by {end_time:g} s; "
                 "allowed: one that is finite during the run, with its first two derivatives"
             )
-    chord = math.dist(p.lower, p.upper)
-    if not SHORTEST <= chord <= LONGEST:
-        raise scene_error(
-            "ends.upper", p.upper.tolist(), f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)"
-        )
 
 
 def _check_statics(p: Parameters) -> None:

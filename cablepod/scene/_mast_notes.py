@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError
+from cablepod.parameters._guys import Guy
 from cablepod.parameters._keys import LENGTH_KEYS
-from cablepod.parameters._mast import Guy, MastParameters, mast_parameters
+from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._note import Note, outside
 from cablepod.scene._notes import likely_keys, notes_of, remedy, worst_first
 from cablepod.scene._table_notes import (

@@ -12,8 +12,9 @@ import numpy as np
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, did_you_mean, scene_error, shown
 from cablepod.parameters._checks import numbers_list, point, text
-from cablepod.parameters._key_paths import dotted, flat, key_at, number_at, number_paths, replaced, value_at
+from cablepod.parameters._key_paths import dotted, flat, number_at, number_paths, replaced, value_at
 from cablepod.parameters._keys import ENSEMBLE, LISTED, TABLES, Key, join
+from cablepod.parameters._tables import key_at
 
 #: Folder of relative paths of records of scenes made in Python.
 HERE = Path()
@@ -273,10 +274,12 @@ def key_of_range(
     kind_of, has_table
         Return the kind of the time function at a path, and whether the scene has the table there.
     """
-    *tables, name = path.split(".") if isinstance(path, str) else [""]
+    if not isinstance(path, str):
+        return None
+    *tables, name = path.split(".")
     if tables and tables[0] in LISTED_TABLES and not has_table(".".join(tables)):
         return None
-    of = key_at([*tables, name], kind_of)
+    of = key_at(path, kind_of(".".join(tables)))
     if of is None or of.is_truth or (of.check is text and name not in RECORDS):
         return None
     return None if of.check is point and not are_choices(values) else of

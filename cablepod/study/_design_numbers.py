@@ -17,7 +17,8 @@ from cablepod.errors import RunStopped, SceneError
 from cablepod.mast._output import NAMES as MAST_NAMES
 from cablepod.mast._piecewise_guys import kind_in_studies, kind_of_guys, refuse_ratios
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._mast import LINKS, mast_parameters
+from cablepod.parameters._guys import LINKS
+from cablepod.parameters._mast import mast_parameters
 
 #: Number of vibration modes of one guy in and out of its plane.
 RANK = 8

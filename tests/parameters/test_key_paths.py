@@ -16,11 +16,11 @@ from cablepod.parameters._key_paths import (
     number_at,
     point_load_path,
     replaced,
-    table_at,
     variable_name,
     variable_of,
 )
-from cablepod.parameters._keys import CABLE, ENSEMBLE, POINT_LOAD, TABLES, time_function_keys
+from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, time_function_keys
+from cablepod.parameters._scene_values import tables_of
 
 TREE = {
     "gravity": 9.81,
@@ -96,10 +96,9 @@ def test_other_paths_lead_to_no_variable(path):
 
 def test_tables_of_a_dataset():
     scene = cp.make_scene(TREE)
-    values = {str(name): variable.values for name, variable in scene.variables.items()}
-    assert table_at(values, "cable", CABLE) == TREE["cable"]
-    assert table_at(values, "point_load.1", POINT_LOAD).keys() == POINT_LOAD.keys()
-    assert table_at(values, "point_load.3", POINT_LOAD) == {}
+    tables = tables_of({str(name): variable.values.tolist() for name, variable in scene.variables.items()})
+    loads = {str(number): load for number, load in enumerate(TREE["point_load"], start=1)}
+    assert tables == {name: TREE[name] for name in ("gravity", "cable", "ends", "motion")} | {"point_load": loads}
 
 
 # --- two forms of one path ---------------------------------------------------------------------------------------------

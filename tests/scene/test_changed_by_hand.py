@@ -98,5 +98,5 @@ def test_whole_numbers_may_be_floats_where_a_member_lacks_them():
 def test_most_values_are_checked_once(monkeypatch):
     scene = examples.scene("example2")
     Members(scene)
-    monkeypatch.setattr(_scene_values, "_key", None)
+    monkeypatch.setattr(_scene_values, "key_at", None)
     Members(scene.copy(deep=True))

@@ -56,7 +56,7 @@ ATTACHMENTS_REFUSED = [
     ([{"arc_length": 0.5, "damper": 1.0, "direction": [0.0, 0.0]}], "attachment.1.direction: given [0.0, 0.0]"),
     (
         [{"arc_length": 0.5, "damper": 1.0, "direction": [0.0, 0.0, 1.0]}],
-        "attachment.1.direction: given [0.0, 0.0, 1.0]",
+        "attachment.1.direction: given 3 numbers; allowed: 2",
     ),
     ([MASS, {"distance_from_upper": 61.156 / 2, "mass": 1.0}], "attachment.2.distance_from_upper: given 30.578"),
 ]

@@ -1,0 +1,131 @@
+"""Tables of a scene: where each stands, and its keys.  The variable of a key has the key path with ``_`` for ``.``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from itertools import chain
+from typing import Any, NamedTuple
+
+from cablepod.conventions import COORDINATES, ENDS
+from cablepod.parameters._checks import direction, number, numbers_list, point, text
+from cablepod.parameters._keys import ENSEMBLE, FREQUENCY, LISTED, TABLES, TOP, Key, time_function_keys
+from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LISTED, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
+
+#: Parts of the path of a table that stand for any end, axis, number from 1, name.
+END, AXIS, NUMBER, NAME = "END", "AXIS", "NUMBER", "NAME"
+PATTERNS = {END: "|".join(ENDS), AXIS: "|".join(COORDINATES), NUMBER: r"[1-9]\d*", NAME: r"\w+"}
+#: Kinds of scenes.
+CABLE_SCENE, MAST_SCENE = "one cable", "a mast"
+
+
+class Table(NamedTuple):
+    """A table of a scene."""
+
+    path: tuple[str, ...]  #: parts of its key path
+    keys: Mapping[str, Key]
+    factor: str | None = None  #: units of the time function that it may hold
+    of: tuple[str, ...] = (CABLE_SCENE, MAST_SCENE)  #: scenes that may have it
+
+    @property
+    def all_keys(self) -> dict[str, Key]:
+        """Own keys, and those of the variables of a time function of any kind."""
+        if self.factor is None:
+            return dict(self.keys)
+        of_kinds = chain.from_iterable(keys.items() for keys in time_function_keys(self.factor).values())
+        record = {"time": Key(numbers_list(), "s", "instants of the record")}
+        record |= {"value": Key(numbers_list(), self.factor, "values of the record")}
+        return {**dict(of_kinds), **self.keys, "kind": Key(text, None, "kind"), **record}
+
+
+_ONE, _MAST = (CABLE_SCENE,), (MAST_SCENE,)
+ALL_TABLES = (
+    Table((), TOP),
+    *(
+        Table(tuple(name.split(".")), keys, "1" if name == "load" else None, (*_ONE, *_MAST * (name in SHARED_TABLES)))
+        for name, keys in reversed(TABLES.items())  # a table in a table before that one
+    ),
+    Table(("motion", END, AXIS), {}, "m", _ONE),
+    *(Table((name, NUMBER), keys, "1" if name == "point_load" else None, _ONE) for name, keys in LISTED.items()),
+    Table(("guy", NUMBER), GUY, of=_MAST),
+    Table(("mast", "section", NUMBER), MAST_SECTION, of=_MAST),
+    Table(("mast", "load", NUMBER), MAST_LOAD, "1", _MAST),
+    Table(("mast",), MAST, of=_MAST),
+    *(Table(("cables", NAME, name, NUMBER), keys, of=_MAST) for name, keys in GUY_LISTED.items()),
+    Table(("cables", NAME), GUY_CABLE, of=_MAST),
+    Table(("ensemble",), ENSEMBLE, of=()),
+)
+#: Paths of tables that are lists.
+LISTS = tuple(table.path[:-1] for table in ALL_TABLES if table.path[-1:] == (NUMBER,))
+
+
+def is_like(parts: Iterable[Any], path: tuple[str, ...]) -> bool:
+    """Tell whether the parts of a key path are those of a `path`, in which words of :data:`PATTERNS` stand for others."""
+    given = tuple(parts)
+    return len(given) == len(path) and all(
+        part == own or (own in PATTERNS and isinstance(part, str) and re.fullmatch(PATTERNS[own], part) is not None)
+        for part, own in zip(given, path, strict=True)
+    )
+
+
+@lru_cache(1024)
+def table_of(parts: tuple[str, ...]) -> Table | None:
+    """Return the table at the parts of a key path; None for other paths."""
+    return next((table for table in ALL_TABLES if is_like(parts, table.path)), None)
+
+
+class Place(NamedTuple):
+    """Where the value of a variable of a scene Dataset stands."""
+
+    table: tuple[str, ...]  #: parts of the path of its table
+    name: str  #: of the key
+    axis: str  #: of a component of a vector, else empty
+    key: Key  #: of a component that of a number
+    of: tuple[str, ...]  #: scenes that may have it
+
+    @property
+    def path(self) -> str:
+        """Key path."""
+        return ".".join((*self.table, self.name, *([self.axis] if self.axis else [])))
+
+
+@lru_cache(1024)
+def place_of_variable(variable: str) -> Place | None:
+    """Return where the value of a variable of a scene Dataset stands; None for other names."""
+    for table in ALL_TABLES:
+        if not table.path:
+            names: dict[str, tuple[str, str]] = {name: (name, "") for name in TOP}
+        elif not variable.startswith(f"{table.path[0]}_"):
+            continue
+        else:
+            names = dict(_names_in(table))
+        parts = "_".join(f"({PATTERNS.get(part, part)})" for part in table.path)
+        found = re.fullmatch(f"{parts}{'_' if parts else ''}({'|'.join(names)})", variable)
+        if found:
+            *above, last = found.groups()
+            name, axis = names[last]
+            key = {**table.all_keys, FREQUENCY: Key(number(), "Hz", FREQUENCY)}[name]
+            return Place(tuple(above), name, axis, replace(key, check=number()) if axis else key, table.of)
+    return None
+
+
+def _names_in(table: Table) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield the end of the name of each variable of a table, with key and axis."""
+    for name, key in table.all_keys.items():
+        yield name, (name, "")
+        if key.check in (point, direction):
+            yield from ((f"{name}_{axis}", (name, axis)) for axis in COORDINATES)
+    if table.factor is not None:
+        yield FREQUENCY, (FREQUENCY, "")  # for messages: no variable has it
+
+
+def key_at(path: str, kind: str | None) -> Key | None:
+    """Return the key at a path; of a time function that of its `kind`."""
+    *above, name = path.split(".")
+    table = table_of(tuple(above))
+    if table is None or not table.of:
+        return None
+    of_kind = time_function_keys(table.factor).get(kind, {}) if table.factor is not None and kind is not None else {}
+    return {**table.keys, **of_kind}.get(name)
