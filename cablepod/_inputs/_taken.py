@@ -18,6 +18,7 @@ from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, ORDERED, is_in_memory
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST
+from cablepod.parameters._tables import CABLE_SCENE, MAST_SCENE, misspelt
 from cablepod.provenance import is_history
 
 #: Compared with ``==``: a type that was unpickled, or has metadata, is another object.
@@ -63,8 +64,13 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     if not kind.is_small:
         given = _loaded(given)
     layout = _layout(key, given, kind)
+    if kind.is_scene:
+        _check_names(key, given)
     variables = read_by(kind, given.variables)
-    in_order = [_is_in_order(key, name, variable, kind, layout) for name, variable in variables.items()]
+    has_gaps = kind.is_scene and "member" in (*given.dims, *given.coords)
+    in_order = [
+        _is_in_order(key, name, variable, kind, layout, has_gaps=has_gaps) for name, variable in variables.items()
+    ]
     if kind is ANY:
         return given
     orders = label_orders(key, variables, given.xindexes, some=kind.some) | place_orders(key, variables)
@@ -157,7 +163,16 @@ def read_by(kind: Kind, variables: Mapping[Any, xr.Variable]) -> dict[Any, xr.Va
     return {name: variables[name] for name in names}
 
 
-def _is_in_order(key: str, name: Any, variable: xr.Variable, kind: Kind, layout: str | None) -> bool:
+def _check_names(key: str, scene: xr.Dataset) -> None:
+    """Refuse variables of a scene that are named as keys, and are none; coordinates may have any name."""
+    of = MAST_SCENE if "mast_height" in scene.variables else CABLE_SCENE
+    for name in scene.data_vars:
+        if isinstance(name, str) and (remedy := misspelt(name, of)):
+            allowed = f"the keys of a scene of {of}, with _ for each point"
+            raise SceneError(f"{key}: {name}: unknown variable of a scene; allowed: {allowed}; try: {remedy}")
+
+
+def _is_in_order(key: str, name: Any, variable: xr.Variable, kind: Kind, layout: str | None, *, has_gaps: bool) -> bool:
     """Tell whether a variable is as in the package, or need not be; refuse one that is not legal."""
     rule = rule_of(kind, layout, name)
     if rule is None:
@@ -184,7 +199,7 @@ def _is_in_order(key: str, name: Any, variable: xr.Variable, kind: Kind, layout:
     if type(values) is not np.ndarray or (kind.is_scene and not values.flags.carray):
         return False
     if dtype == FLOAT and not math.isfinite(np.vdot(values, values)):
-        _check_finite(key, name, variable, kind)
+        _check_finite(key, name, variable, kind, has_gaps=has_gaps)
     return True
 
 
@@ -208,19 +223,25 @@ def powers(units: str) -> dict[str, int] | None:
     return {name: power for name, power in powers.items() if power} if units.strip() else None
 
 
-def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> None:
-    """Refuse values that are no finite numbers; in scenes rows of nan stand for a variable that a member lacks.
+def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind, *, has_gaps: bool) -> None:
+    """Refuse values that are no finite numbers.
 
-    Records of members end with nan where those of others are longer.
+    In scenes of members, and in one of these, rows of nan stand for a variable that a member lacks (`has_gaps`).  Records of
+    members end with nan where those of others are longer.
     """
     data = variable.values
     missing = np.isnan(data)
-    if kind.is_scene and missing.any():
+    if has_gaps and missing.any():
         rows = missing.reshape(-1, 1 if variable.dims[-1:] in ((), ("member",)) else data.shape[-1])
         missing = rows.any(axis=1) & ~rows.all(axis=1)
-        if "member" in variable.dims and str(variable.dims[-1]).endswith("_sample"):
+        if variable.dims and str(variable.dims[-1]).endswith("_sample"):
             missing = np.diff(rows.astype(int), axis=1) < 0
     largest = np.abs(data[np.isfinite(data)]).max(initial=0.0)
+    if missing.any() and not data.ndim and kind.is_scene:
+        allowed = (
+            f"a finite number of at most {LARGEST:g}; a member without it keeps its coordinate, scene.isel(member=0)"
+        )
+        raise scene_error(f"{key}: {name}", math.nan, allowed)
     if missing.any() or np.isinf(data).any() or largest > LARGEST:
         raise scene_error(f"{key}: {name}", "values that are not finite", f"finite numbers of at most {LARGEST:g}")
 
@@ -251,7 +272,8 @@ def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders:
         if rule.is_number:
             values = floats(values)
             if not math.isfinite(np.vdot(values, values)):
-                _check_finite(key, str(name), xr.Variable(order, values), kind)
+                has_gaps = kind.is_scene and "member" in (*given.dims, *given.coords)
+                _check_finite(key, str(name), xr.Variable(order, values), kind, has_gaps=has_gaps)
         variables[name] = xr.Variable(order, values, variable.attrs)
     coords = {name: variable for name, variable in variables.items() if name in result.coords}
     return result.assign({name: variable for name, variable in variables.items() if name not in coords}).assign_coords(

@@ -6,6 +6,7 @@ The public name is ``cablepod.catenary.stringing``; the file stands here for the
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -22,15 +23,18 @@ from cablepod.cable._summary import largest_tensions, rest_in_wind, utilisation
 from cablepod.catenary._sag import sag_of_scene
 from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.conventions import STILL_AIR, label
-from cablepod.errors import SceneError, named, scene_error
+from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, user_stacklevel
 from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ICE, TOP, check_table
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
+from cablepod.parameters._temperature import REFERENCE
 from cablepod.scene._completed import completed
 from cablepod.scene._limits import check_numbers
+from cablepod.scene._notes import worst_first
 from cablepod.scene._ranges import HERE
+from cablepod.scene._table_notes import notes_of_temperatures
 from cablepod.scene._wind import check_wind
 from cablepod.wind._profile import air_at_rest
 
@@ -80,6 +84,11 @@ def stringing(
         For a scene without thermal expansion, with members, a free end or point loads, temperatures that are no different
         numbers, cases that are no such tables, and a cable without rest.
 
+    Warns
+    -----
+    UnusualSceneWarning
+        For a temperature that is likely in kelvins, or far from that of reference.
+
     Notes
     -----
     Rest in still air is the exact elastic catenary, see :func:`rest`.  In wind it is that of :func:`cablepod.cable.rest` in the
@@ -106,6 +115,7 @@ def stringing(
             p.point_loads[0].key, "a point load", "none; chain.rest has them, at the temperature of a scene"
         )
     values = _temperatures(temperatures)
+    _warn_of_unusual(values, p)
     chosen = [scene] if cases is None else [_of_case(scene, name, tables) for name, tables in _named(cases).items()]
     rows = [[_numbers(parameters(each.assign(temperature=value))) for value in values] for each in chosen]
     dims = (*(() if cases is None else ("case",)), "temperature")
@@ -136,6 +146,16 @@ def _temperatures(given: Any) -> list[float]:
     if len(set(checked)) < len(checked):
         raise scene_error("temperatures", given, "different temperatures [degC]")
     return checked
+
+
+def _warn_of_unusual(temperatures: list[float], p: Parameters) -> None:
+    """Warn of temperatures [degC] that are likely in kelvins, or far from that of reference."""
+    reference = REFERENCE if p.temperatures is None else float(p.temperatures[1])
+    notes = worst_first(note for value in temperatures for note in notes_of_temperatures((value, reference)))
+    if notes:
+        warnings.warn(
+            f"temperatures: given {notes[0].text}; try: degrees Celsius", UnusualSceneWarning, user_stacklevel()
+        )
 
 
 def _named(cases: Any) -> Mapping[str, Any]:

@@ -283,7 +283,7 @@ def _try_options(
     window, errors = options.get("window"), []
     trial = {name: value for name, value in options.items() if name != "window"} | {"times": [0.0]}
     for i in dict.fromkeys(np.linspace(0, scenes.sizes["member"] - 1, N_PROBED).astype(int).tolist()):
-        scene = scenes.isel(member=i, drop=True)
+        scene = scenes.isel(member=i)
         try:
             if options.get("times") is None:
                 (mast_parameters if model.of_mast else parameters)(scene).times()

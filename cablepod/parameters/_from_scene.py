@@ -212,6 +212,7 @@ def cable_of(tables: Mapping[str, Any], number: Callable[[Any], Any] = float, pa
         **section,
         lower=lower,
         upper=upper,
+        inclination=ends.get("inclination"),
         free_end=free_end,
         motions=_motions(tables.get("motion", {}), lower.shape[-1], free_end),
         load=_nonzero(tables.get("load", {}), "uniform", np.asarray),

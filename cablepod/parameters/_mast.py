@@ -195,7 +195,7 @@ def _loads(mast: Mapping[str, Any], height: float, expansion: float) -> Iterator
 
 def _sections(tables: Mapping[str, Any], table: Mapping[str, Any], expansion: float) -> np.ndarray:
     """Return the sections of the mast from below, see :class:`MastParameters`; heights as the scene gives them."""
-    height, given = float(table["height"]), []
+    height, given = float(table["height"]), list[list[float]]()
     ice = whole("ice", tables.get("ice", {}), ICE)
     for path, own in listed(tables["mast"], "section", "mast."):
         refuse_missing(path, own, ("from", "to"))

@@ -132,6 +132,7 @@ class Parameters:
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
     upper: np.ndarray  #: upper end at rest (dims,) [m]
+    inclination: Any  #: of the chord, where this is given in place of the upper end [degree]; None elsewhere
     free_end: str | None  #: "lower", "upper" or None
     motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacement [m]
     load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 from cablepod.conventions import COORDINATES, ENDS
@@ -17,6 +18,8 @@ from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LISTED, MAST, MAS
 #: Parts of the path of a table that stand for any end, axis, number from 1, name.
 END, AXIS, NUMBER, NAME = "END", "AXIS", "NUMBER", "NAME"
 PATTERNS = {END: "|".join(ENDS), AXIS: "|".join(COORDINATES), NUMBER: r"[1-9]\d*", NAME: r"\w+"}
+#: Likeness of a name and that of a variable above which it is taken for a spelling error.
+LEAST_LIKENESS = 0.85
 #: Kinds of scenes.
 CABLE_SCENE, MAST_SCENE = "one cable", "a mast"
 
@@ -45,7 +48,7 @@ ALL_TABLES = (
     Table((), TOP),
     *(
         Table(tuple(name.split(".")), keys, "1" if name == "load" else None, (*_ONE, *_MAST * (name in SHARED_TABLES)))
-        for name, keys in reversed(TABLES.items())  # a table in a table before that one
+        for name, keys in TABLES.items()
     ),
     Table(("motion", END, AXIS), {}, "m", _ONE),
     *(Table((name, NUMBER), keys, "1" if name == "point_load" else None, _ONE) for name, keys in LISTED.items()),
@@ -106,7 +109,9 @@ def place_of_variable(variable: str) -> Place | None:
         if found:
             *above, last = found.groups()
             name, axis = names[last]
-            key = {**table.all_keys, FREQUENCY: Key(number(), "Hz", FREQUENCY)}[name]
+            if name == FREQUENCY:  # given in files only, in place of that of a variable
+                return Place(tuple(above), name, axis, Key(number(), "Hz", name), ())
+            key = table.all_keys[name]
             return Place(tuple(above), name, axis, replace(key, check=number()) if axis else key, table.of)
     return None
 
@@ -119,6 +124,33 @@ def _names_in(table: Table) -> Iterator[tuple[str, tuple[str, str]]]:
             yield from ((f"{name}_{axis}", (name, axis)) for axis in COORDINATES)
     if table.factor is not None:
         yield FREQUENCY, (FREQUENCY, "")  # for messages: no variable has it
+
+
+@lru_cache(1024)
+def misspelt(variable: str, of: str) -> str:
+    """Return what to try in place of a variable that is none of a scene of a kind, but is named as one; empty for all others.
+
+    The names that begin as those of a table are the package's, so that a key that is spelt wrong is not taken for a variable of
+    the user's own.
+    """
+    place = place_of_variable(variable)
+    if place is not None and of in place.of:
+        return ""
+    number = re.search(r"\d+", variable)
+    known = [name.replace("1", number[0] if number else "1") for name in _variables_of(of)]
+    if similar := get_close_matches(variable, known, n=1, cutoff=LEAST_LIKENESS):
+        return similar[0]
+    is_of_table = variable.startswith(tuple(f"{table.path[0]}_" for table in ALL_TABLES if table.path))
+    return "another name, a coordinate or an attribute for what is your own" if is_of_table else ""
+
+
+def _variables_of(of: str) -> Iterator[str]:
+    """Yield the names of the variables of a kind of scene, the first of lists, but those of cables with a name."""
+    for table in ALL_TABLES:
+        if of in table.of and NAME not in table.path:
+            choices = [PATTERNS[part].split("|") if part in (END, AXIS) else [part] for part in table.path]
+            for parts in product(*choices):
+                yield from ("_".join((*parts, name)).replace(NUMBER, "1") for name in table.all_keys)
 
 
 def key_at(path: str, kind: str | None) -> Key | None:

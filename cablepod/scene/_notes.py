@@ -57,8 +57,12 @@ UNITS: dict[str, dict[float, str]] = {
     "gravity": {1e-3: "mm/s2", 1e-6: ""},
     "load": {1e-3: "", 1e-6: ""},
     "diameter": {1e-3: "mm", 1e-2: "cm", 1e3: ""},
+    "ice": {1e-3: "mm", 1e-2: "cm"},
+    "inclination": {math.degrees(1.0): "rad"},
     "length": {1e-3: "mm", 1e-2: "cm", 1e3: "km", 1e-6: "", 1e6: ""},
 }
+#: Maximum magnitude of an inclination that may be in radians: a right angle, rounded by hand.
+LARGEST_RADIANS = 1.58
 
 
 @dataclass(frozen=True)
@@ -187,7 +191,7 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
         diameter = float(_given_diameter(p))
         what = f"a diameter of {diameter:.3g} m over that of a solid cross-section of the same area, a ratio"
         yield from outside("cable.diameter", what, diameter / numbers.diameter, DIAMETER_OVER_SOLID, "")
-        yield from outside("ice.thickness", "ice", 0.5 * (float(p.diameter) - diameter), (0.0, LARGEST_ICE), "m")
+        yield from outside("ice.thickness", "ice", _ice(p), (0.0, LARGEST_ICE), "m")
         if p.area is None and p.masses is None:
             what, section = "a density of the section of the diameter", 0.25 * math.pi * diameter**2
             yield from outside(f"cable.{p.weight_key}", what, mass / section, DENSITY_OF_DIAMETER, "kg/m3")
@@ -211,8 +215,11 @@ def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None)
         yield from outside("cable.breaking_strength", what, used, (0.0, 1.0), "")
     lower, upper = p.initial_ends
     if upper[1] < lower[1] and p.weight[1] < 0.0:
-        drop = f"an upper end {lower[1] - upper[1]:.3g} m below the lower one (swapped?)"
-        yield Note("ends.upper", drop, 0.0)
+        drop = f"an upper end {lower[1] - upper[1]:.3g} m below the lower one"
+        if p.inclination is None:
+            yield Note("ends.upper", f"{drop} (swapped?)", 0.0)
+        else:
+            yield Note("ends.inclination", f"an inclination of {p.inclination:g} degrees, {drop}", 0.0)
 
 
 def _given_diameter(p: Parameters) -> Any:
@@ -240,6 +247,8 @@ def likely_keys(p: Parameters) -> list[tuple[str, str]]:
         return []
     keys = [*(["area"] if p.area is not None else []), *([p.stiffness_key] if p.link_stiffness is None else [])]
     keys += [*([p.weight_key] if p.masses is None else []), p.length_key, "ends"]
+    keys += ["inclination"] if p.inclination is not None and abs(p.inclination) <= LARGEST_RADIANS else []
+    keys += ["ice"] if _ice(p) else []
     keys += ["gravity"] if p.weight_key != "specific_weight" else []
     keys += ["motion"] if p.motions else []
     keys += ["load"] if p.load is not None else []
@@ -264,15 +273,23 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
         changes = {name: getattr(p, name) * factor for name in names}
     elif key in WEIGHT_KEYS:
         changes = {"mass": p.mass * factor, "weight": p.weight * factor}
-    elif key == "diameter":
-        given = _given_diameter(p)
-        ice = 0.5 * (p.diameter - given)
-        mass = (
-            p.mass if p.bare is None or not ice else p.mass - _mass_of_ice(p) * (1.0 - factor) * given / (given + ice)
-        )
-        changes = {"diameter": factor * given + 2.0 * ice, "mass": mass, "weight": p.weight * (mass / p.mass)}
-    elif key == "ends":
+    elif key in ("diameter", "ice"):
+        given, ice = _given_diameter(p), _ice(p)
+        scaled = {"diameter": given, "ice": ice} | {key: factor * (given if key == "diameter" else ice)}
+        mass = p.mass
+        if ice:  # a coat has the mass of its section
+            section = scaled["ice"] * (scaled["diameter"] + scaled["ice"])
+            mass += _mass_of_ice(p) * (section / (ice * (given + ice)) - 1.0)
+        diameter = scaled["diameter"] + 2.0 * scaled["ice"]
+        changes = {"diameter": diameter, "mass": mass, "weight": p.weight * (mass / p.mass)}
+    elif key == "ends" and p.inclination is None:
         changes = {"lower": p.lower * factor, "upper": p.upper * factor}
+    elif key == "ends":
+        changes = {"upper": p.lower + factor * (p.upper - p.lower)}
+    elif key == "inclination":
+        angle, chord = math.radians(factor * p.inclination), math.dist(p.lower, p.upper)
+        upper = p.lower + chord * np.array([math.cos(angle), math.sin(angle)])
+        changes = {"upper": upper, "inclination": factor * p.inclination}
     elif key == "motion":
         changes = {"motions": {name: _scaled_function(motion, factor) for name, motion in p.motions.items()}}
     else:
@@ -280,8 +297,13 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
         name = name if name in ("stiffness", "weight", "load", "breaking_strength") else "length_value"
         changes = {name: getattr(p, name) * factor}
     if p.bare is not None:
-        changes["bare"] = _scaled(p.bare, key, factor)
+        changes["bare"] = p.bare if key == "ice" else _scaled(p.bare, key, factor)
     return replace(p, **changes)
+
+
+def _ice(p: Parameters) -> float:
+    """Return the thickness of the ice [m]."""
+    return 0.0 if p.bare is None or p.diameter is None else 0.5 * float(p.diameter - p.bare.diameter)
 
 
 def _mass_of_ice(p: Parameters) -> Any:
@@ -320,12 +342,17 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
         "breaking_strength": scaled.breaking_strength,
         "diameter": _given_diameter(scaled),
         "gravity": math.hypot(*scaled.weight) / scaled.mass,
+        "ice": _ice(scaled),
+        "inclination": scaled.inclination,
     }
+    if key == "ends" and scaled.inclination is not None:
+        return "ends.chord", f"ends.chord = {math.dist(scaled.lower, scaled.upper):.6g} ({given})"
     vectors = {"ends": "ends.lower and ends.upper", "load": "load.uniform", "motion": "the displacements of motion"}
     if key in vectors:
         path = {"ends": "ends.upper", "load": "load.uniform", "motion": _largest_motion(scaled)[1]}[key]
         return path, f"{vectors[key]} times {factor:g} ({given})"
-    path = key if key == "gravity" else f"cable.{key}"
+    of_tables = {"gravity": "gravity", "ice": "ice.thickness", "inclination": "ends.inclination"}
+    path = of_tables.get(key, f"cable.{key}")
     return path, f"{path} = {values.get(key, scaled.length_value):.6g} ({given})"
 
 

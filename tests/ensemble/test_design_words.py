@@ -107,13 +107,13 @@ MISTAKES = [
     ),
     (
         {"cable.bottom_tension": [1e4, 2e4]},
-        r"given cable\.bottom_tension, which make no scene: cable: given .*exactly one",
+        r"bottom_tension: given .*, at 10000 no scene: cable: given .*exactly one",
     ),
     ({"ice.thicknes": [0.0, 0.1]}, r"ice\.thicknes: unknown key path; .*; try: ice\.thickness$"),
     ({"ice.density": [600.0, 900.0]}, r"given ice\.density, which make no scene: ice\.thickness: missing; allowed"),
     (
         {"ice.thickness": [-0.1, 0.1]},
-        r"given ice\.thickness, which make no scene: ice\.thickness: given -0\.1; allowed",
+        r"thickness: given .*, at -0\.1 no scene: ice\.thickness: given -0\.1; allowed",
     ),
     ({"motion.upper.x.amplitude": [0.1, 0.2]}, r"motion\.upper\.x\.amplitude: unknown key path"),
     ({"cable.strand": ["a", "b"]}, r"cable\.strand: unknown key path"),
@@ -221,7 +221,7 @@ def test_keys_that_a_mast_lacks_are_made_or_refused():
     mast = small(lambda mapping: mapping["mast"].update(diameter=0.1))
     iced = cp.ensemble.design(mast, {"ice.thickness": [0.0, 0.01]}, members=2)
     assert iced["ice_thickness"].dims == ("member",)
-    with pytest.raises(cp.SceneError, match=r"^ranges\.damping\.tension_proportional: given .*; allowed: no such key"):
+    with pytest.raises(cp.SceneError, match=r"^ranges\.damping\.tension_proportional: .*; allowed: none for guys"):
         cp.ensemble.design(mast, {"damping.tension_proportional": [0.0, 0.01]}, members=2)
     with pytest.raises(cp.SceneError, match=r"^ranges\.mast\.height: unknown key path"):
         design(WINDY, {"mast.height": [1.0, 2.0]}, members=2)
