@@ -10,7 +10,6 @@ import cablepod as cp
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._notes import notes_of  # all notes of a scene; a model warns of the worst alone
 
-
 CABLE = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "diameter": 0.016}
 
 
