@@ -30,11 +30,11 @@ from cablepod.parameters._keys import ICE, TOP, check_table
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.parameters._temperature import REFERENCE
-from cablepod.scene._completed import completed
 from cablepod.scene._limits import check_numbers
 from cablepod.scene._notes import worst_first
 from cablepod.scene._ranges import HERE
 from cablepod.scene._table_notes import notes_of_temperatures
+from cablepod.scene._varied import completed
 from cablepod.scene._wind import check_wind
 from cablepod.wind._profile import air_at_rest
 
@@ -183,11 +183,13 @@ def _of_case(scene: xr.Dataset, name: str, tables: Any) -> xr.Dataset:
             wind = check_wind(tables["wind"], HERE)
             values |= {f"wind.turbulence.{name}": value for name, value in wind.pop("turbulence", {}).items()}
             values |= {f"wind.{name}": value for name, value in wind.items()}
-        return completed(bare, values)
+        changed = completed(bare, values)
+        parameters(changed)  # refuses keys that do not go together
     except SceneError as error:
         if str(error).startswith(CASE):
             error.args = (f"{key}.{error}",)
         raise
+    return changed
 
 
 def _air(p: Parameters) -> str:

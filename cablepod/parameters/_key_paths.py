@@ -223,37 +223,6 @@ def value_at(tree: Any, path: Any) -> Any:
     return value
 
 
-def number_paths(tree: Any, above: str = "") -> list[str]:
-    """Return the key paths of all numbers of nested tables, for messages."""
-    if isinstance(tree, Mapping):
-        parts = [(str(key), value) for key, value in tree.items()]
-    elif isinstance(tree, list) and tree and isinstance(tree[0], Mapping):
-        parts = [(str(number), value) for number, value in enumerate(tree, start=1)]
-    elif isinstance(tree, list) and len(tree) <= len(COORDINATES):
-        parts = list(zip(COORDINATES, tree, strict=False))
-    else:
-        return [above] if number_at({"": tree}, "") is not None else []
-    return [path for key, value in parts for path in number_paths(value, f"{above}.{key}" if above else key)]
-
-
-def replaced(tree: Any, path: str, value: Any) -> Any:
-    """Replace the value at a key path in a copy of nested tables; missing tables are made."""
-    return _replaced(tree, path.split("."), value)
-
-
-def _replaced(tree: Any, parts: list[str], value: Any) -> Any:
-    if not parts:
-        return value
-    first, *rest = parts
-    if tree is None or isinstance(tree, Mapping):
-        return {**(tree or {}), first: _replaced((tree or {}).get(first), rest, value)}
-    items = list(tree)
-    index = _index(items, first)
-    assert index is not None  # number_at found it
-    items[index] = _replaced(items[index], rest, value)
-    return items
-
-
 def _index(values: list[Any] | tuple[Any, ...], part: str) -> int | None:
     """Return the index of a vector component or of a point load."""
     if len(values) and isinstance(values[0], Mapping):

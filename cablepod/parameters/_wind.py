@@ -56,14 +56,9 @@ def turbulence_of(tables: Mapping[str, Any], wind: Mapping[str, Any] | None) -> 
         return None
     if wind is None:
         raise SceneError(f"wind.speed: missing; allowed: {describe(WIND['speed'])}")
+    check_record(table)
     if "record" in table:
-        for name in table:
-            if name not in WIND_RECORD:
-                allowed = "none with wind.turbulence.record, which holds mean wind and gusts"
-                raise scene_error(f"{GUSTS}.{name}", plain(table[name]), allowed)
         return table
-    if "record_sha256" in table:
-        raise scene_error(f"{GUSTS}.record_sha256", table["record_sha256"], "none without wind.turbulence.record")
     table = whole(GUSTS, table, TURBULENCE)
     if len(table["decay"]) != 2:
         raise scene_error(f"{GUSTS}.decay", plain(table["decay"]), "two numbers, vertical and across the wind")
@@ -76,3 +71,19 @@ def turbulence_of(tables: Mapping[str, Any], wind: Mapping[str, Any] | None) -> 
             allowed = f'none with spectrum "{spectrum}", whose size follows from wind.roughness_length'
             raise scene_error(key, table[name], allowed)
     return table
+
+
+def check_record(table: Mapping[str, Any]) -> None:
+    """Refuse keys of [wind.turbulence] beside a record, and the hash of one without it.
+
+    Raises
+    ------
+    SceneError
+        The message names the key.
+    """
+    if "record" not in table and "record_sha256" in table:
+        raise scene_error(f"{GUSTS}.record_sha256", table["record_sha256"], "none without wind.turbulence.record")
+    for name in table if "record" in table else ():
+        if name not in WIND_RECORD:
+            allowed = "none with wind.turbulence.record, which holds mean wind and gusts"
+            raise scene_error(f"{GUSTS}.{name}", plain(table[name]), allowed)

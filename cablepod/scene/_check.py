@@ -31,7 +31,7 @@ from cablepod.parameters._keys import (
 )
 from cablepod.parameters._particles import number_of_links
 from cablepod.scene._files import read_record
-from cablepod.scene._ranges import check_ranges, with_counts_expanded
+from cablepod.scene._ranges import with_counts_expanded
 from cablepod.scene._strands import with_strand
 from cablepod.scene._wind import check_wind
 
@@ -63,7 +63,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if "attachment" in mapping:
         tree["attachment"] = check_attachments(mapping["attachment"])
     if "ensemble" in mapping:
-        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree, folder)
+        tree["ensemble"] = check_ensemble(mapping["ensemble"])
     return tree
 
 
@@ -178,7 +178,8 @@ def listed(name: str, tables: Any) -> Iterator[tuple[str, Any]]:
         yield listed_path(name, number), table
 
 
-def check_ensemble(table: Any, tree: dict[str, Any], folder: Path) -> dict[str, Any]:
+def check_ensemble(table: Any) -> dict[str, Any]:
+    """Check the options of the table [ensemble]; its ranges are checked with the Dataset of the scene."""
     if not isinstance(table, Mapping):
         raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
     for name in table:
@@ -187,7 +188,4 @@ def check_ensemble(table: Any, tree: dict[str, Any], folder: Path) -> dict[str, 
             raise SceneError(f"{join('ensemble', name)}: unknown key; allowed: {', '.join(keys)}{similar}")
     options = {key: value for key, value in table.items() if key != "ranges"}
     ranges, options = with_counts_expanded(table.get("ranges"), options, prefix="ensemble")
-    checked = check_table("ensemble", options, ENSEMBLE)
-    count, sampling = checked["members"], checked["sampling"]
-    checked["ranges"] = check_ranges(ranges, tree, members=count, sampling=sampling, folder=folder)
-    return checked
+    return {**check_table("ensemble", options, ENSEMBLE), "ranges": ranges}

@@ -14,18 +14,14 @@ from typing import Any
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.errors import SceneError, scene_error, shown
-from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._key_paths import nested, number_at, replaced, value_at
-from cablepod.parameters._mast import mast_parameters
-from cablepod.parameters._tables import key_at
+from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._key_paths import nested
 from cablepod.scene._check import check_mapping
+from cablepod.scene._checked_ranges import checked_ranges
 from cablepod.scene._dataset import dataset_of
 from cablepod.scene._hertz import OMEGA, in_radians
-from cablepod.scene._limits import check_numbers, check_times
-from cablepod.scene._mast import check_mast, check_mast_numbers, is_mast
-from cablepod.scene._notes import hint
-from cablepod.scene._ranges import are_choices, bounds_of, shown_value, without_unused
+from cablepod.scene._mast import check_mast, is_mast
+from cablepod.scene._numbers import check_scene
 
 
 def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
@@ -70,29 +66,6 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     return _make(mapping, Path())
 
 
-def check_scene(scene: xr.Dataset) -> None:
-    """Check a scene Dataset, of a cable or of a mast: which keys go together, and its numbers.
-
-    Raises
-    ------
-    SceneError
-        For a scene that cannot be simulated; the message names the key, the given value and the allowed ones, and the key of a
-        cable that was likely given in another unit.
-    """
-    if "mast_height" in scene:
-        mast = mast_parameters(scene)
-        check_times(mast.duration, mast.interval)
-        check_mast_numbers(mast)
-        return
-    p = parameters(scene)
-    check_times(p.duration, p.interval)
-    try:
-        check_numbers(p)
-    except SceneError as error:
-        error.args = (f"{error}{hint(p)}",)
-        raise
-
-
 def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     """Make a scene; paths of records are relative to `folder`."""
     if not isinstance(mapping, Mapping):
@@ -111,16 +84,19 @@ def _of_tables(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     """Make a scene from nested tables with angular frequencies."""
     tree = check_mast(mapping, folder) if is_mast(mapping) else check_mapping(mapping, folder)
     scene = dataset_of(tree)
-    scene.attrs["title"] = tree.get("title", "untitled scene")
-    scene.attrs["stage"] = "scene"
-    if "ensemble" in tree:
-        scene.attrs["ensemble_json"] = provenance.Abridged(json.dumps(tree["ensemble"], sort_keys=True))
-    identity = {"scene": _without_places(tree)}
-    provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
     check_scene(scene)
     if "ensemble" in tree:
-        _check_bounds(mapping, tree, folder)
-    return scene
+        table, prefix = tree["ensemble"], "ensemble"
+        tree["ensemble"] = table | {
+            "ranges": checked_ranges(
+                scene, table["ranges"], f"{prefix}.ranges", table, members_key=f"{prefix}.members", folder=folder
+            )[1]
+        }
+        scene.attrs["ensemble_json"] = provenance.Abridged(json.dumps(tree["ensemble"], sort_keys=True))
+    scene.attrs["title"] = tree.get("title", "untitled scene")
+    scene.attrs["stage"] = "scene"
+    identity = {"scene": _without_places(tree)}
+    return provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
 
 
 def _without_places(tree: dict[str, Any]) -> dict[str, Any]:
@@ -137,27 +113,3 @@ def _without_places(tree: dict[str, Any]) -> dict[str, Any]:
         return tree
     kept = {name: value for name, value in turbulence.items() if name != "record"}
     return {**tree, "wind": {**tree["wind"], "turbulence": kept}}
-
-
-def _check_bounds(mapping: Mapping[str, Any], tree: Mapping[str, Any], folder: Path) -> None:
-    """Refuse a range of an ensemble if the scene at one of its bounds is refused; `tree` is the checked scene."""
-    single: Any = {name: table for name, table in mapping.items() if name != "ensemble"}
-    has_values, ranges = tree["ensemble"]["sampling"] in ("grid", "list"), tree["ensemble"]["ranges"]
-
-    def is_whole(path: str) -> bool:
-        key = key_at(path, value_at(tree, f"{path.rpartition('.')[0]}.kind"))
-        is_int = isinstance(number_at(tree, path), int) or (key is not None and key.is_whole)
-        return has_values and is_int and all(map(float.is_integer, ranges[path]))
-
-    for path, values in ranges.items():
-        if value_at(tree, path) is None:
-            single = replaced(single, path, int(values[0]) if not are_choices(values) and is_whole(path) else values[0])
-    for path, values in ranges.items():
-        for bound in bounds_of(values):
-            value = int(bound) if not are_choices(values) and is_whole(path) else bound
-            try:
-                _make(without_unused(replaced(single, path, value), ranges), folder)
-            except SceneError as error:
-                raise SceneError(
-                    f"ensemble.ranges.{path}: given {shown(values)}, at {shown_value(bound)} no scene: {error}"
-                ) from None

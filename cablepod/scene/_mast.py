@@ -94,7 +94,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if "wind" in mapping:
         tree["wind"] = check_wind(mapping["wind"], folder)
     if "ensemble" in mapping:
-        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree, folder)
+        tree["ensemble"] = check_ensemble(mapping["ensemble"])
     return tree
 
 

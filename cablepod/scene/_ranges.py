@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cablepod.conventions import COORDINATES
-from cablepod.errors import SceneError, did_you_mean, scene_error, shown
-from cablepod.parameters._checks import numbers_list, point, text
-from cablepod.parameters._key_paths import dotted, flat, number_at, number_paths, replaced, value_at
-from cablepod.parameters._keys import ENSEMBLE, LISTED, TABLES, Key, join
-from cablepod.parameters._tables import key_at
+from cablepod.errors import scene_error, shown
+from cablepod.parameters._checks import numbers_list, text
+from cablepod.parameters._key_paths import flat
+from cablepod.parameters._keys import ENSEMBLE, Key, join
 
 #: Folder of relative paths of records of scenes made in Python.
 HERE = Path()
-#: Key paths that ranges may have, for messages.
-ALLOWED_PATHS = "the path of a number or of a word of a scene, or of a list of numbers with lists of them"
 
 
 def with_counts_expanded(ranges: Any, options: Mapping[str, Any], *, prefix: str = "") -> tuple[Any, dict[str, Any]]:
@@ -177,55 +173,6 @@ def points_of_grid(ranges: Mapping[str, list[Any]], members: int, *, key: str = 
     )
 
 
-def check_ranges(
-    given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges", folder: Path = HERE
-) -> dict[str, list[Any]]:
-    """Check the ranges of an ensemble against its scene.
-
-    Parameters
-    ----------
-    given
-        Key path -> values as :func:`check_values` takes them.
-    tree
-        Checked scene as nested tables.
-    members, sampling
-        Number of members, kind of sampling.
-    prefix
-        Key path of the table, for messages.
-    folder
-        Folder of the paths of records.
-
-    Raises
-    ------
-    SceneError
-        For an empty table, unknown key paths, values that are not allowed, and a grid of another number of members.
-    """
-    given = flat(given)
-    if not isinstance(given, Mapping) or not given:
-        raise scene_error(prefix, given, "a table from key paths to [low, high]")
-    checked: dict[str, list[Any]] = {}
-    for path, values in given.items():
-        key, of = join(prefix, path), None
-        if number_at(tree, path) is None:
-            of = key_of_range(
-                path, values, lambda path: value_at(tree, f"{path}.kind"), lambda path: value_at(tree, path) is not None
-            )
-            if of is None:
-                similar = axis_hint(number_at(tree, f"{path}.x") is not None, path) or similar_path(
-                    path, number_paths(tree)
-                )
-                raise SceneError(f"{key}: unknown key path; allowed: {ALLOWED_PATHS}{similar}")
-        if of is None or of.is_number:
-            checked[path] = check_values(key, values, members=members, sampling=sampling)
-            continue
-        checked[path] = check_choices(key, values, of, members=members, sampling=sampling)
-        if of.check is text:
-            checked[path] = [str((folder / value).absolute()) for value in checked[path]]
-    if sampling == "grid":
-        points_of_grid(checked, members)
-    return checked
-
-
 def bounds_of(values: list[Any]) -> list[Any]:
     """Return the values of a range at which a scene is checked: both bounds of numbers, each text and list once."""
     if not are_choices(values):
@@ -236,63 +183,3 @@ def bounds_of(values: list[Any]) -> list[Any]:
 def shown_value(value: Any) -> str:
     """Return a value of a range for a message."""
     return f"{value:g}" if isinstance(value, int | float) else shown(value)
-
-
-def without_unused(tree: Any, ranges: Iterable[str]) -> Any:
-    """Return nested tables without the keys that go with one word only, where ranges give another one."""
-    for path, (chooser, word) in KEYS_OF_WORDS.items():
-        if chooser in ranges and value_at(tree, path) is not None and value_at(tree, chooser) != word:
-            *tables, name = path.split(".")
-            table = {key: value for key, value in value_at(tree, ".".join(tables)).items() if key != name}
-            tree = replaced(tree, ".".join(tables), table)
-    return tree
-
-
-#: Keys that go with one word of another key; members of an ensemble with another word lack them.
-KEYS_OF_WORDS = {
-    "wind.exponent": ("wind.profile", "power"),
-    "wind.turbulence.intensity": ("wind.turbulence.spectrum", "von_karman"),
-    "wind.turbulence.length_scale": ("wind.turbulence.spectrum", "von_karman"),
-}
-#: Texts that may vary beside words: files of records.
-RECORDS = ("path", "record")
-#: Tables that a range makes with the keys of other ranges and defaults; those with a number or a kind must be there.
-LISTED_TABLES = ("motion", *LISTED, "guy", "cables", "mast")
-
-
-def key_of_range(
-    path: Any, values: Any, kind_of: Callable[[str], str | None], has_table: Callable[[str], bool]
-) -> Key | None:
-    """Return the key that a range may vary beside the numbers of a scene; None for all other paths.
-
-    These are numbers that the scene lacks, words, lists of numbers, and files of records.
-
-    Parameters
-    ----------
-    path, values
-        Key path and values of the range.
-    kind_of, has_table
-        Return the kind of the time function at a path, and whether the scene has the table there.
-    """
-    if not isinstance(path, str):
-        return None
-    *tables, name = path.split(".")
-    if tables and tables[0] in LISTED_TABLES and not has_table(".".join(tables)):
-        return None
-    of = key_at(path, kind_of(".".join(tables)))
-    if of is None or of.is_truth or (of.check is text and name not in RECORDS):
-        return None
-    return None if of.check is point and not are_choices(values) else of
-
-
-def similar_path(path: Any, of_scene: Iterable[str]) -> str:
-    """Return the remedy for an unknown key path: that of a variable, one like it of the scene or of its tables; else empty."""
-    if (meant := dotted(path)) != path:
-        return f"; try: {meant}"
-    known = (f"{table}.{key}" for table, keys in TABLES.items() for key in keys)
-    return did_you_mean(path, list(dict.fromkeys([*of_scene, *known])))
-
-
-def axis_hint(is_vector: bool, path: Any) -> str:
-    """Return the remedy for the key path of a vector, whose numbers are named by their axis; else empty."""
-    return f"; try: {path}.{COORDINATES[0]} or {path}.{COORDINATES[1]}" if is_vector else ""

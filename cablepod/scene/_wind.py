@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cablepod.errors import scene_error
-from cablepod.parameters._keys import TURBULENCE, WIND, check_names, check_table
+from cablepod.parameters._keys import TURBULENCE, WIND, check_names, check_table, filled
+from cablepod.parameters._wind import check_record
 
 
 def check_wind(table: Any, folder: Path) -> dict[str, Any]:
@@ -30,9 +31,10 @@ def check_wind(table: Any, folder: Path) -> dict[str, Any]:
 
 def _check_turbulence(table: Any, folder: Path) -> dict[str, Any]:
     """Check the table [wind.turbulence], and read its record, with which there are no defaults."""
-    if not isinstance(table, Mapping) or "record" not in table:
-        return check_table("wind.turbulence", table, TURBULENCE)
+    checked = check_names("wind.turbulence", table, TURBULENCE)
+    check_record(checked)  # before it is read
+    if "record" not in checked:
+        return filled("wind.turbulence", checked, TURBULENCE)
     from cablepod.scene._wind_field import read_wind_record  # needed by records only
 
-    checked = check_names("wind.turbulence", table, TURBULENCE)
     return checked | read_wind_record(folder / checked["record"], checked.get("record_sha256"))

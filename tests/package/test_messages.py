@@ -43,7 +43,6 @@ EXCEPTIONS = {
     ("SceneError", "{kind.instead[1]}"): "a text beside its kind, which has all fields",
     ("SceneError", "{key}: {error}"): "the key before a refusal of its file",
     ("SceneError", "{key}: given {shown(values)}, at {shown_value(value)} no scene: {error}"): "ends with a refusal",
-    ("SceneError", "ensemble.ranges.{path}: given {shown(values)}, at {shown_value(bound)} no"): "ends with a refusal",
     ("SceneError", "{prefix}: given {', '.join(lacking)}, which make no scene: {error}"): "ends with a refusal",
     ("SceneError", "{str(error).replace("): "the chain's message, said of the cable",
     ("ArchiveError", "{path}: {error}"): "the file's name before a message of its contents",

@@ -1,4 +1,4 @@
-"""Key paths of a scene: variables, numbers in nested tables and in Datasets, replacement."""
+"""Key paths of a scene: variables, numbers in nested tables and in Datasets, both forms."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import pytest
 from scenes import SOFT
 
 import cablepod as cp
-from cablepod.parameters._key_paths import (
+from cablepod.parameters._key_paths import (  # what messages and ranges are made of; no public function gives them alone
     dotted,
     flat,
     motion_path,
     number_at,
     point_load_path,
-    replaced,
     variable_name,
     variable_of,
 )
@@ -46,22 +45,13 @@ NO_NUMBERS = (
 
 
 @pytest.mark.parametrize("path", NUMBERS)
-def test_numbers_of_nested_tables_are_found_and_replaced(path):
-    before = copy.deepcopy(TREE)
+def test_numbers_of_nested_tables_are_found(path):
     assert number_at(TREE, path) == NUMBERS[path]
-    changed = replaced(TREE, path, 0.25)
-    assert before == TREE
-    assert {name: number_at(changed, name) for name in NUMBERS} == NUMBERS | {path: 0.25}
 
 
 @pytest.mark.parametrize("path", NO_NUMBERS)
 def test_other_paths_lead_to_no_number(path):
     assert number_at(TREE, path) is None
-
-
-def test_missing_tables_are_made():
-    assert replaced({}, "damping.mass_proportional", 0.1) == {"damping": {"mass_proportional": 0.1}}
-    assert replaced({"time": None}, "time.interval", 0.1) == {"time": {"interval": 0.1}}
 
 
 def test_paths_of_tables_and_their_variables():

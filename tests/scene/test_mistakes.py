@@ -270,9 +270,9 @@ MISTAKES = [
     # ensembles
     ("ensemble", 5, r"^ensemble: given 5; allowed: a table with the keys members, seed, sampling, ranges$"),
     ("ensemble", {"ranges": {"gravity": [1, 2]}}, r"^ensemble\.members: missing; allowed: number of members \[1\]$"),
-    ("ensemble", {"members": 3}, r"^ensemble\.ranges: given None; allowed: a table from key paths to \[low, high\]$"),
-    ("ensemble", {"members": 3, "ranges": {}}, r"^ensemble\.ranges: given \{\}; allowed: a table from key paths"),
-    ("ensemble", {"members": 3, "ranges": []}, r"^ensemble\.ranges: given \[\]; allowed: a table from key paths"),
+    ("ensemble", {"members": 3}, r"^ensemble\.ranges: given None; allowed: a mapping from key paths to \[low, high\]$"),
+    ("ensemble", {"members": 3, "ranges": {}}, r"^ensemble\.ranges: given \{\}; allowed: a mapping from key paths"),
+    ("ensemble", {"members": 3, "ranges": []}, r"^ensemble\.ranges: given \[\]; allowed: a mapping from key paths"),
     (
         "ensemble.member",
         5,
@@ -327,7 +327,7 @@ RANGES = [
         r"allowed: at least ",
     ),
     ({"time.interval": [1, 5]}, r"at 5 no scene: time\.interval: given 5\.0; allowed: at most time\.duration, 4 s$"),
-    ({"chain.links": [5, 9]}, r"at 5 no scene: chain\.links: given 5\.0; allowed: a whole number"),
+    ({"chain.links": [5, 9]}, r"chain\.links: given \[5, 9\]; allowed: a list of whole numbers, by sampling"),
 ]
 
 

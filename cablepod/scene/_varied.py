@@ -1,21 +1,28 @@
-"""Complete a scene Dataset by keys that it lacks, for ensembles in which these vary."""
+"""A scene Dataset with more keys than it has, and with keys that vary along ``member``, for ensembles."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES
-from cablepod.parameters._key_paths import key_in, variable_name
+from cablepod.conventions import COORDINATES, VARIABLES
+from cablepod.parameters._key_paths import key_in, variable_name, variable_of
 from cablepod.parameters._keys import filled
 from cablepod.parameters._particles import number_of_links
 from cablepod.parameters._tables import CABLE_SCENE, MAST_SCENE, table_of
 from cablepod.scene._dataset import Variables, variable
 from cablepod.scene._files import read_record
+
+#: Keys that go with one word of another key; members of an ensemble with another word lack them.
+KEYS_OF_WORDS = {
+    "wind.exponent": ("wind.profile", "power"),
+    "wind.turbulence.intensity": ("wind.turbulence.spectrum", "von_karman"),
+    "wind.turbulence.length_scale": ("wind.turbulence.spectrum", "von_karman"),
+}
 
 
 def completed(scene: xr.Dataset, lacking: Mapping[str, Any]) -> xr.Dataset:
@@ -102,3 +109,44 @@ def _samples(scene: xr.Dataset, path: str, values: list[Any], *, of_members: boo
         attrs: dict[str, str] = dict(scene[name].attrs)
         result[name] = (("member", *dims), rows, attrs) if of_members else (dims, rows[0], attrs)
     return result
+
+
+def vary(scene: xr.Dataset, varied: Mapping[str, Any], ranges: Iterable[str]) -> xr.Dataset:
+    """Return the scene with the values of each key path along ``member``.
+
+    Keys that go with one word only are nan in members with another one, where the key path of the word is among `ranges`.
+    """
+    count = len(next(iter(varied.values())))
+    units, long_name = VARIABLES["member"]
+    variables: dict[str, Any] = {}
+    coords: dict[str, Any] = {"member": ("member", np.arange(count), {"units": units, "long_name": long_name})}
+    for path, values in varied.items():
+        if isinstance(values, list):
+            made = variables_at(scene, path, values)
+            variables |= made
+            dims, vectors, vector_attrs = made[variable_name(path)]
+            if dims == ("member", "coordinate"):
+                for number, axis in enumerate(COORDINATES[: vectors.shape[1]]):
+                    component_attrs = {**vector_attrs, "long_name": f"{vector_attrs['long_name']}, {axis}"}
+                    coords[variable_name(f"{path}.{axis}")] = ("member", vectors[:, number], component_attrs)
+            continue
+        target = variable_of(scene, path)
+        assert target is not None  # the ranges were checked
+        name, index, _ = target
+        attrs = scene[name].attrs
+        if index is None:
+            variables[name] = ("member", values.astype(scene[name].dtype), attrs)
+            continue
+        if name not in variables:
+            variables[name] = (("member", "coordinate"), np.repeat(scene[name].values[None], count, axis=0), attrs)
+        variables[name][1][:, index] = values
+        component_attrs = {**attrs, "long_name": f"{attrs.get('long_name', name)}, {COORDINATES[index]}"}
+        coords[variable_name(path)] = ("member", values, component_attrs)
+    scenes = scene.drop_vars([name for name in variables if name in scene]).assign(variables).assign_coords(coords)
+    for path, (chooser, word) in KEYS_OF_WORDS.items():
+        name = variable_name(path)
+        if chooser in ranges and name in scenes:
+            used = np.broadcast_to(scenes[variable_name(chooser)].values == word, count)
+            values = np.where(used, scenes[name].values, np.nan)
+            scenes[name] = ("member", values, scenes[name].attrs)
+    return scenes
