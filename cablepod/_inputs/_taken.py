@@ -18,7 +18,7 @@ from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, ORDERED, is_in_memory
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST
-from cablepod.parameters._tables import CABLE_SCENE, MAST_SCENE, misspelt
+from cablepod.parameters._tables import OF_CABLE, OF_MAST, misspelt
 from cablepod.provenance import is_history
 
 #: Compared with ``==``: a type that was unpickled, or has metadata, is another object.
@@ -165,7 +165,7 @@ def read_by(kind: Kind, variables: Mapping[Any, xr.Variable]) -> dict[Any, xr.Va
 
 def _check_names(key: str, scene: xr.Dataset) -> None:
     """Refuse variables of a scene that are named as keys, and are none; coordinates may have any name."""
-    of = MAST_SCENE if "mast_height" in scene.variables else CABLE_SCENE
+    of = OF_MAST if "mast_height" in scene.variables else OF_CABLE
     for name in scene.data_vars:
         if isinstance(name, str) and (remedy := misspelt(name, of)):
             allowed = f"the keys of a scene of {of}, with _ for each point"

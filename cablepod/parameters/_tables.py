@@ -21,7 +21,7 @@ PATTERNS = {END: "|".join(ENDS), AXIS: "|".join(COORDINATES), NUMBER: r"[1-9]\d*
 #: Likeness of a name and that of a variable above which it is taken for a spelling error.
 LEAST_LIKENESS = 0.85
 #: Kinds of scenes.
-CABLE_SCENE, MAST_SCENE = "one cable", "a mast"
+OF_CABLE, OF_MAST = "one cable", "a mast"
 
 
 class Table(NamedTuple):
@@ -30,7 +30,7 @@ class Table(NamedTuple):
     path: tuple[str, ...]  #: parts of its key path
     keys: Mapping[str, Key]
     factor: str | None = None  #: units of the time function that it may hold
-    of: tuple[str, ...] = (CABLE_SCENE, MAST_SCENE)  #: scenes that may have it
+    of: tuple[str, ...] = (OF_CABLE, OF_MAST)  #: scenes that may have it
 
     @property
     def all_keys(self) -> dict[str, Key]:
@@ -43,7 +43,7 @@ class Table(NamedTuple):
         return {**dict(of_kinds), **self.keys, "kind": Key(text, None, "kind"), **record}
 
 
-_ONE, _MAST = (CABLE_SCENE,), (MAST_SCENE,)
+_ONE, _MAST = (OF_CABLE,), (OF_MAST,)
 ALL_TABLES = (
     Table((), TOP),
     *(

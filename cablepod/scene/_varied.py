@@ -13,7 +13,7 @@ from cablepod.conventions import COORDINATES, VARIABLES
 from cablepod.parameters._key_paths import key_in, variable_name, variable_of
 from cablepod.parameters._keys import filled
 from cablepod.parameters._particles import number_of_links
-from cablepod.parameters._tables import CABLE_SCENE, MAST_SCENE, table_of
+from cablepod.parameters._tables import OF_CABLE, OF_MAST, table_of
 from cablepod.scene._dataset import Variables, variable
 from cablepod.scene._files import read_record
 
@@ -59,7 +59,7 @@ def completed(scene: xr.Dataset, lacking: Mapping[str, Any]) -> xr.Dataset:
 def may_have(scene: xr.Dataset, path: str) -> bool:
     """Tell whether a scene of its kind, of one cable or of a mast, may have the key at a path."""
     table = table_of(tuple(path.split(".")[:-1]))
-    return table is not None and (MAST_SCENE if "mast_height" in scene else CABLE_SCENE) in table.of
+    return table is not None and (OF_MAST if "mast_height" in scene else OF_CABLE) in table.of
 
 
 def variables_at(scene: xr.Dataset, path: str, values: list[Any], *, of_members: bool = True) -> Variables:

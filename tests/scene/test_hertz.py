@@ -8,7 +8,7 @@ import tomllib
 
 import pytest
 import xarray as xr
-from scenes import SOFT, SOFT_TOML
+from scenes import SOFT
 
 import cablepod as cp
 
@@ -111,8 +111,8 @@ def test_wrong_ranges_in_hertz_are_refused_by_their_key(ranges, text):
         cp.make_scene({**SOFT, "motion": {"upper": {"x": SINE}}, "ensemble": {"members": 3, "ranges": ranges}})
 
 
-def test_a_scene_without_frequencies_is_not_copied():
-    from cablepod.scene import _hertz
-
-    tables = tomllib.loads(SOFT_TOML)
-    assert _hertz.in_radians(tables) is tables
+def test_an_error_of_a_scene_without_frequencies_speaks_of_none():
+    motion = {"upper": {"x": {**SINE, "angular_frequency": -1.0}}}
+    motion["upper"]["x"].pop("frequency", None)
+    with pytest.raises(cp.SceneError, match=r"^motion\.upper\.x\.angular_frequency: given -1\.0; .* of at least 0$"):
+        cp.make_scene({**SOFT, "motion": motion})

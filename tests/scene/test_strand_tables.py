@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod._resources import data_folder
-from cablepod.scene._strands import strands
+from cablepod import examples
 
 ENDS = {"lower": [0.0, 0.0], "upper": [20.0, 50.0]}
 TABLE = """# from the maker's sheet
@@ -66,12 +65,17 @@ def test_given_keys_stay_in_place_of_those_of_the_strand(folder):
 
 
 def test_the_shipped_table_is_a_table_too(tmp_path):
-    shutil.copy(data_folder() / "strands.csv", tmp_path / "ropes.csv")
+    shutil.copy(examples.data_folder() / "strands.csv", tmp_path / "ropes.csv")
     own = cp.summary(scene(tmp_path, strand="EHS 1/2 in"))
     shipped = cp.summary(cp.make_scene({"cable": {"strand": "EHS 1/2 in", "top_tension": 12000.0}, "ends": ENDS}))
+    listed: list[str] = []
     for name in ("mass_per_length", "axial_stiffness", "stress", "unstretched_length"):
         assert float(own[name]) == pytest.approx(float(shipped[name]), rel=1e-14)
-    assert len(strands()) == len(cp.scene._strands.read_strands("table", tmp_path / "ropes.csv"))
+    for folder in ({}, {"strand_table": str(tmp_path / "ropes.csv")}):  # the same strands are listed
+        with pytest.raises(cp.SceneError) as error:
+            cp.make_scene({"cable": {"strand": "none", "top_tension": 12000.0, **folder}, "ends": ENDS})
+        listed.append(str(error.value).split("allowed: ")[1])
+    assert listed[0] == listed[1]
 
 
 def test_guys_of_a_mast_take_it(folder):

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod._resources import data_folder
-from cablepod.scene._strands import strands
+from cablepod import examples
 
 ENDS = {"lower": [0.0, 0.0], "upper": [20.0, 50.0]}
 INCH, POUND, POUND_FORCE, THOUSAND_FEET = 0.0254, 0.45359237, 4.4482216152605, 304.8
 
 
 def rows():
-    with (data_folder() / "strands.csv").open(newline="", encoding="utf-8") as file:
+    with (examples.data_folder() / "strands.csv").open(newline="", encoding="utf-8") as file:
         return {row["name"]: row for row in csv.DictReader(line for line in file if not line.startswith("#"))}
 
 
@@ -63,9 +62,9 @@ def test_prestressing_strands_have_the_strength_of_their_name():
         assert float(row["mass_kg_per_m"]) / float(row["area_m2"]) == pytest.approx(7810.0, rel=1e-3)  # as prEN 10138
 
 
-@pytest.mark.parametrize("name", strands())
+@pytest.mark.parametrize("name", rows())
 def test_a_strand_makes_a_usual_scene(name):
-    tension = 0.1 * strands()[name]["breaking_strength"]  # the usual tension of a guy
+    tension = 0.1 * float(rows()[name]["breaking_strength_N"])  # the usual tension of a guy
     numbers = cp.summary(cp.make_scene({"cable": {"strand": name, "top_tension": tension}, "ends": ENDS}))
     row = rows()[name]
     assert float(numbers.utilisation) == pytest.approx(0.1, rel=1e-12)
@@ -81,7 +80,7 @@ def test_given_keys_stay():
     scene = cp.make_scene({"cable": {**cable, **given}, "ends": ENDS})
     assert {key: float(scene[f"cable_{key}"]) for key in given} == given
     assert "cable_density" not in scene
-    assert float(scene.cable_area) == strands()["EHS 1/2 in"]["area"]
+    assert float(scene.cable_area) == float(rows()["EHS 1/2 in"]["area_m2"])
     assert str(scene.cable_strand.values) == "EHS 1/2 in"
 
 

@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod.parameters._from_scene import parameters
-from cablepod.scene._notes import notes_of
 
 #: A scene with most keys; nothing is unusual about it.
 SCENE: dict[str, Any] = {
@@ -146,7 +144,7 @@ MISTAKES = [*wrong_values(), *wrong_keys(), *wrong_together()]
 
 def test_there_are_enough():
     assert len({kind for kind, _, _ in MISTAKES}) == len(MISTAKES) >= 200
-    assert notes_of(parameters(cp.make_scene(SCENE))) == ()
+    assert str(cp.summary(cp.make_scene(SCENE)).note.values) == ""
 
 
 @pytest.mark.parametrize(("kind", "scene", "named"), MISTAKES, ids=[kind for kind, _, _ in MISTAKES])

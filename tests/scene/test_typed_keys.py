@@ -7,8 +7,6 @@ import warnings
 import pytest
 
 import cablepod as cp
-from cablepod.parameters._from_scene import parameters
-from cablepod.scene._notes import notes_of  # all notes of a scene; a model warns of the worst alone
 
 CABLE = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "diameter": 0.016}
 
@@ -20,7 +18,7 @@ def test_ice_in_millimetres_is_named_by_its_own_key(thickness, right):
     remedy = rf"; try: ice\.thickness = {right} \(given in mm\?\)"
     with pytest.warns(cp.UnusualSceneWarning, match=rf"^ice\.thickness: the scene has .*{remedy}; see"):
         cp.chain.simulate(cp.make_scene(tree), links=4, times=[0.0, 0.01], step=1e-3)
-    assert notes_of(parameters(cp.make_scene({**tree, "ice": {"thickness": 1e-3 * thickness}}))) == ()
+    assert str(cp.summary(cp.make_scene({**tree, "ice": {"thickness": 1e-3 * thickness}})).note.values) == ""
 
 
 def test_an_inclination_in_radians_is_named_by_its_own_key():
@@ -30,10 +28,8 @@ def test_an_inclination_in_radians_is_named_by_its_own_key():
         cp.make_scene({"cable": cable, "ends": {**chord, "inclination": 1.23}})
     cp.make_scene({"cable": cable, "ends": {**chord, "inclination": 70.4738}})
     downward = cp.make_scene({"cable": {**CABLE, "top_tension": 5000.0}, "ends": {**chord, "inclination": -1.2}})
-    (note,) = notes_of(parameters(downward))
-    assert (note.key, note.text) == (
-        "ends.inclination", "an inclination of -1.2 degrees, an upper end 1.28 m below the lower one"
-    )  # fmt: skip
+    note = str(cp.summary(downward).note.values)
+    assert note == "ends.inclination: an inclination of -1.2 degrees, an upper end 1.28 m below the lower one"
 
 
 def test_a_chord_in_centimetres_is_named_by_its_own_key():
