@@ -162,11 +162,6 @@ def motion_path(end: str, axis: str) -> str:
     return f"motion.{end}.{axis}"
 
 
-def point_load_path(number: int) -> str:
-    """Return the key path of a point load, counted from 1."""
-    return listed_path("point_load", number)
-
-
 def listed_path(table: str, number: int) -> str:
     """Return the key path of a table of a list, counted from 1."""
     return f"{table}.{number}"

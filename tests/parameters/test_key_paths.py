@@ -12,9 +12,9 @@ import cablepod as cp
 from cablepod.parameters._key_paths import (  # what messages and ranges are made of; no public function gives them alone
     dotted,
     flat,
+    listed_path,
     motion_path,
     number_at,
-    point_load_path,
     variable_name,
     variable_of,
 )
@@ -57,7 +57,7 @@ def test_other_paths_lead_to_no_number(path):
 def test_paths_of_tables_and_their_variables():
     assert variable_name("cable.top_tension") == "cable_top_tension"
     assert variable_name(f"{motion_path('upper', 'x')}.amplitude") == "motion_upper_x_amplitude"
-    assert variable_name(f"{point_load_path(2)}.force") == "point_load_2_force"
+    assert variable_name(f"{listed_path('point_load', 2)}.force") == "point_load_2_force"
 
 
 @pytest.mark.parametrize(
