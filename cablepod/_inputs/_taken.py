@@ -238,9 +238,7 @@ def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind, *, has
             missing = np.diff(rows.astype(int), axis=1) < 0
     largest = np.abs(data[np.isfinite(data)]).max(initial=0.0)
     if missing.any() and not data.ndim and kind.is_scene:
-        allowed = (
-            f"a finite number of at most {LARGEST:g}; a member without it keeps its coordinate, scene.isel(member=0)"
-        )
+        allowed = f"a finite number of at most {LARGEST:g}, or no such variable; try: {key}.drop_vars({name!r})"
         raise scene_error(f"{key}: {name}", math.nan, allowed)
     if missing.any() or np.isinf(data).any() or largest > LARGEST:
         raise scene_error(f"{key}: {name}", "values that are not finite", f"finite numbers of at most {LARGEST:g}")
