@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -135,6 +136,16 @@ def spatial(mapping: dict[str, Any]) -> dict[str, Any]:
     if "points" in result.get("initial", {}):
         result["initial"]["points"] = [[*point, 0.0] for point in result["initial"]["points"]]
     return result
+
+
+def circling(mapping: dict[str, Any], angle: float) -> dict[str, Any]:
+    """Return the scene in space with an upper end that circles about the lower one, at the origin, by `angle` in its duration."""
+    result, (x, y) = spatial(mapping), mapping["ends"]["upper"]
+    sine = {"kind": "harmonic", "amplitude": math.hypot(x, y), "angular_frequency": angle / mapping["time"]["duration"]}
+    phase = math.atan2(y, x)
+    return result | {
+        "motion": {"upper": {"x": {**sine, "phase": phase + 0.5 * math.pi}, "y": {**sine, "phase": phase}}}
+    }
 
 
 def everything(soft, dims=2):

@@ -24,6 +24,7 @@ DIMS: dict[str, Dims] = {
     "link_arc_length": ("link",),
     "time": ("time",),
     "end_position": ("time", "end", "coordinate"),
+    "normal_reference": ("coordinate",),
     "scene_feature": ("feature",),
     "mean": ("particle", "coordinate"),
     "training_range": ("bound", "feature"),

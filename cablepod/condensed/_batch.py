@@ -24,7 +24,7 @@ from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
-from cablepod.discretisation._chord_frame import reference_axis
+from cablepod.discretisation._chord_frame import normals_at_start
 from cablepod.errors import SceneError
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within, window_attributes
@@ -191,7 +191,7 @@ class MemberCoefficients:
         )  # fmt: skip
         self.ends = MemberEnds.of(parameters)
         self.load = np.ascontiguousarray(parameters.load_at(0.0)[:, :, None])
-        self.reference = reference_axis(parameters.ends[:, 1] - parameters.ends[:, 0])
+        self.reference = normals_at_start(parameters.ends[:, 1] - parameters.ends[:, 0])
 
     def starts(self, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return coordinates, rates half a `step` before the start (members, r), step limits [s] and H [N] (members,)."""
@@ -295,7 +295,9 @@ class MemberCoefficients:
             shapes |= {f"tension_{which}": (("link",), (links,)) for which in ("minimum", "maximum")}
         for name, (dims, shape) in shapes.items():
             result[name] = dims, rows(name, dims, shape)
-        return {name: values for name, (_, values) in result.items()}
+        if unit.chain.p.dims == 3:
+            result["normal_reference"] = ("coordinate",), self.reference
+        return {name: result[name][1] for name in shapes}
 
     def fill(
         self, part: np.ndarray, q: np.ndarray, times: np.ndarray, done: LaneResults, targets: dict[str, np.ndarray]

@@ -47,9 +47,7 @@ class MemberRuns:
         along = reach / np.sqrt((reach * reach).sum(axis=1, keepdims=True))
         if along.shape[1] == 2:
             return np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None]
-        axis = np.eye(3)[self.batch.reference[self.part]]
-        cosine = (axis * along).sum(axis=1, keepdims=True)
-        first = (axis - cosine * along) / np.sqrt(1.0 - cosine**2)
+        first = self.batch.reference[self.part]
         return np.stack([first, np.cross(along, first)], axis=1)
 
 

@@ -17,7 +17,7 @@ from cablepod.condensed._reference_state import (
     reference_state,
 )
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._chord_frame import ChordFrame, normals_at_start
 from cablepod.discretisation._gll import gll_rule, integration_matrix
 from cablepod.errors import SceneError
 
@@ -345,12 +345,10 @@ class Coefficients:
         return np.ascontiguousarray(chain.p.mass * half * (displacement.T * weights) @ displacement)
 
     @cached_property
-    def reference(self) -> int:
-        """Axis that defines the normals in spatial scenes (1, the vertical, in planar ones)."""
-        if self.chain.p.dims == 2:
-            return 1
+    def reference(self) -> np.ndarray:
+        """First normal at the start (dims,), which the normals refer to, so that they hardly turn about the chord."""
         lower, upper = self.chain.p.initial_ends
-        return ChordFrame.of((upper - lower)[None]).reference
+        return normals_at_start(upper - lower)
 
 
 def _check_independent(gram: np.ndarray) -> None:

@@ -231,7 +231,7 @@ def positions_of(model: CondensedModel, stretch: np.ndarray, deflection: np.ndar
     return joined(ends, model.reference, along, deflection)
 
 
-def joined(ends: np.ndarray, reference: int, along: np.ndarray, deflection: np.ndarray) -> np.ndarray:
+def joined(ends: np.ndarray, reference: np.ndarray, along: np.ndarray, deflection: np.ndarray) -> np.ndarray:
     """Return positions (times, particle, dims) [m] from distances along the chord and deflections [m].
 
     Raises

@@ -15,7 +15,7 @@ def chord_and_loads(
     accelerations: np.ndarray,
     load: np.ndarray,
     mass: float | np.ndarray,
-    reference: int | np.ndarray,
+    reference: np.ndarray,
     point_loads: Sequence[np.ndarray] = (),
 ) -> np.ndarray:
     """Return boundary data (instants, 1 + patterns dims).
@@ -29,7 +29,7 @@ def chord_and_loads(
     load, mass
         Uniform load with weight (dims, instants or 1) [N/m], mass per unstretched length, a number or (instants,) [kg/m].
     reference
-        Axis that defines the normals in spatial scenes: the first normal is the one closest to it; a number or (instants,).
+        Unit vector in spatial scenes: the first normal is the one closest to it; (dims,) or (instants, dims).
     point_loads
         Forces, (dims, instants or 1) each [N].
 
@@ -51,7 +51,7 @@ def chord_and_loads(
 
 
 def _projected(
-    ends: np.ndarray, accelerations: np.ndarray, load: np.ndarray, mass: float | np.ndarray, reference: int | np.ndarray
+    ends: np.ndarray, accelerations: np.ndarray, load: np.ndarray, mass: float | np.ndarray, reference: np.ndarray
 ) -> np.ndarray:
     """Return chord lengths and one load projected, or two where ends move (columns, instants)."""
     from cablepod.condensed import _kernels_frame as kernel  # numba is imported only to compute
@@ -67,8 +67,8 @@ def _projected(
     if dims == 2:
         kernel.planar_frames_of_lanes(masses, patterns, ends, accelerations, loads, masses, rows.reshape(-1), 0)
         return rows
-    axes = np.zeros((3, instants))
-    axes[reference, np.arange(instants)] = 1.0
+    axes = np.empty((3, instants))
+    axes[:] = reference[:, None] if reference.ndim == 1 else reference.T
     work = np.empty((9, instants))
     kernel.spatial_frames_of_lanes(
         masses, patterns, ends, accelerations, loads, masses, axes, work, rows.reshape(-1), 0

@@ -18,7 +18,7 @@ from cablepod.condensed._kernels_host_layout import HostAir, HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MONITOR_ROWS, initial_monitor
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
-from cablepod.discretisation._chord_frame import ALIGNED
+from cablepod.discretisation._chord_frame import MAX_COSINE
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
@@ -75,10 +75,11 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
     numbers[layout.FIRST_TRIBUTARY], numbers[layout.SECOND_MOMENT] = chain.tributary_length[0], second_moment
     numbers[layout.REACH_MOMENT] = length @ arms
     numbers[[layout.SHORTEST, layout.LONGEST]] = np.multiply(CHORD_RANGE, total)
-    numbers[layout.ALONG_AXIS] = 0.5 * (1.0 + ALIGNED)
+    numbers[layout.ALONG_AXIS] = MAX_COSINE
     numbers[layout.DIVERGED_ABOVE] = DIVERGENCE_FACTOR * np.sqrt(model.mass.sum()) * total
     numbers[layout.LOWER : layout.LOWER + p.dims] = p.lower
     numbers[layout.STEADY_LOAD : layout.STEADY_LOAD + p.dims] = p.load_at(0.0)
+    numbers[layout.FIRST_NORMAL : layout.FIRST_NORMAL + p.dims] = model.reference
     at_end = model.load_patterns[:, 1:].sum(axis=1)
     numbers[layout.END_MASS] = p.mass * (at_end[1] - model.mean_chordwise_forces[1])
     for k, which in enumerate(model.sets):
@@ -86,7 +87,7 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
     slope_moments = np.einsum("an,n,in->ai", patterns, length, model.slopes)
     by_pattern = terms.mean_chordwise_forces, bounds.norms, at_end, patterns @ (length * arms), bounds.candidates
     return HostCoefficients(
-        np.array([len(model.shapes), p.dims, model.n_in_plane, model.reference]),
+        np.array([len(model.shapes), p.dims, model.n_in_plane]),
         numbers,
         terms.geometric_stiffness,
         terms.load_projection,
@@ -191,8 +192,8 @@ def refusal(
     if status == layout.CHORD_REVERSED:
         return scene_error("end_position", end.tolist(), CHORD_TURN_TEXT)
     if status == layout.CHORD_ALONG_AXIS:
-        axis = "xyz"[coefficients.sizes[layout.REFERENCE]]
-        allowed = f"a chord away from the axis {axis}, which separates the deflections in and out of the plane"
+        normal = coefficients.numbers[layout.FIRST_NORMAL :][: end.size].round(3) + 0.0
+        allowed = f"a chord away from the direction {normal.tolist()}, which its normals refer to"
         return scene_error("end_position", end.tolist(), allowed)
     if status == layout.STEP_ABOVE_LIMIT:
         limit = 2.0 / np.sqrt(accepted[layout.MONITOR, MAX_OMEGA_SQUARED])

@@ -9,7 +9,10 @@ from cablepod._jit import compiled
 
 @compiled(inline="always")
 def _complete_axes(axes, dims, reference):
-    """Change the vector in the first row of `axes` (dims, dims) into a direction, fill its normals; return its length [m]."""
+    """Change the vector in the first row of `axes` (dims, dims) into a direction, fill its normals; return its length [m].
+
+    In space the first normal is the one closest to the unit vector `reference`.
+    """
     chord = 0.0
     for d in range(dims):
         chord += axes[0, d] * axes[0, d]
@@ -20,10 +23,12 @@ def _complete_axes(axes, dims, reference):
     if dims == 2:
         axes[1, 0], axes[1, 1] = axes[0, 1], -axes[0, 0]
         return chord
-    cosine = axes[0, reference]
+    cosine = 0.0
+    for d in range(3):
+        cosine += axes[0, d] * reference[d]
     inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
     for d in range(3):
-        axes[1, d] = ((1.0 if d == reference else 0.0) - cosine * axes[0, d]) * inverse
+        axes[1, d] = (reference[d] - cosine * axes[0, d]) * inverse
     for d in range(3):
         j, k = (d + 1) % 3, (d + 2) % 3
         axes[2, d] = axes[1, j] * axes[0, k] - axes[1, k] * axes[0, j]
@@ -72,7 +77,7 @@ def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass,
 def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, reference, axes, rows, at):
     """Fill the boundary data of one step of spatial members, as :func:`planar_frames_of_lanes` of planar ones.
 
-    `reference` is the unit vector along the axis that defines the normals (3, lanes), `axes` a work array (9, lanes): the
+    `reference` are unit vectors, to which the first normals are closest (3, lanes), `axes` a work array (9, lanes): the
     direction from the upper end to the lower one, both normals.
     """
     width, count = len(lanes), len(patterns)

@@ -49,6 +49,7 @@ from cablepod.condensed._kernels_host_layout import (
     END_FORCE,
     END_MASS,
     FACTOR,
+    FIRST_NORMAL,
     FIRST_TRIBUTARY,
     IMPULSE,
     IN_PLANE,
@@ -72,7 +73,6 @@ from cablepod.condensed._kernels_host_layout import (
     RATES,
     REACH_LOADS,
     REACH_MOMENT,
-    REFERENCE,
     SAG_STIFFNESS,
     SECOND_MOMENT,
     SHORTEST,
@@ -116,8 +116,7 @@ def _check(coefficients, accepted, end_position, end_velocity, end_acceleration,
         squared += reach * reach
         reversal += reach * accepted[AXES, d]  # below zero for less than a right angle between the chords
         total += abs(end_velocity[d])
-        if dims == 3 and d == coefficients.sizes[REFERENCE]:
-            along_axis = reach * reach
+        along_axis += reach * numbers[FIRST_NORMAL + d]
     for d in range(end_acceleration.size):
         total += abs(end_acceleration[d])
     if not squared + total < np.inf:
@@ -128,7 +127,7 @@ def _check(coefficients, accepted, end_position, end_velocity, end_acceleration,
         return CHORD_OUT_OF_RANGE
     if reversal > 0.0:
         return CHORD_REVERSED
-    if along_axis > numbers[ALONG_AXIS] * numbers[ALONG_AXIS] * squared:
+    if dims == 3 and along_axis * along_axis > numbers[ALONG_AXIS] * numbers[ALONG_AXIS] * squared:
         return CHORD_ALONG_AXIS
     if step * step * accepted[MONITOR, MAX_OMEGA_SQUARED] >= 4.0:
         return STEP_ABOVE_LIMIT
@@ -165,7 +164,7 @@ def _advance(coefficients, accepted, trial, end_position, end_velocity, end_acce
             trial[Q, i] = accepted[Q, i] + step * rate
     for d in range(dims):
         axes[0, d] = numbers[LOWER + d] - end_position[d]
-    chord = _complete_axes(axes, dims, coefficients.sizes[REFERENCE])
+    chord = _complete_axes(axes, dims, numbers[FIRST_NORMAL:])
     along, damped = 0.0, 0.0
     for d in range(dims):
         # the velocity at the start is not given: no acceleration in the first step, then differences of two and three velocities
@@ -395,6 +394,6 @@ def end_forces(coefficients, q, boundary_data, ends, f, axes, tension, force):
         row = boundary_data[i]
         for d in range(dims):
             axes[0, d] = ends[i, 0, d] - ends[i, 1, d]
-        _complete_axes(axes, dims, coefficients.sizes[REFERENCE])
+        _complete_axes(axes, dims, coefficients.numbers[FIRST_NORMAL:])
         _forces(Sizes((0,), f, TWO_PATTERNS, row[1 + PATTERNS :]), terms, row, 0, q[i], tension, f)
         _end_force(coefficients, row, q[i], f, tension[0], axes, force[i])

@@ -16,17 +16,18 @@ from cablepod.condensed._kernels_layout import MONITOR_ROWS
 #: Number of load patterns: uniform, and growing with sigma.
 PATTERNS = 2
 # Entries of `sizes`.
-RANK, DIMS, IN_PLANE, REFERENCE = range(4)
+RANK, DIMS, IN_PLANE = range(3)
 # Entries of `numbers`.
 STIFFNESS, LENGTH, MASS, DAMPING = 0, 1, 2, 3  #: K [N], L0 [m], mass per length [kg/m], mass-proportional damping [1/s]
 INVERSE_LENGTH, SAG_STIFFNESS = 4, 5  #: 1 / L0 [1/m], K / 2 L0 [N/m]
 FIRST_TRIBUTARY = 6  #: length carried by the lower end [m]
 SECOND_MOMENT = 7  #: integral of sigma^2 [m]
 REACH_MOMENT = 8  #: integral of L0 - S [m^2]
-SHORTEST, LONGEST, ALONG_AXIS = 9, 10, 11  #: bounds of the chord [m], of its cosine with the reference axis
+SHORTEST, LONGEST, ALONG_AXIS = 9, 10, 11  #: bounds of the chord [m], of its cosine with the first normal at the start
 DIVERGED_ABOVE = 12  #: bound of the coordinates [kg^1/2 m]
 LOWER, STEADY_LOAD, END_MASS = 13, 16, 19  #: (3,): lower end [m]; load [N/m]; end mass along chord and normals [kg]
-NUMBERS = 22
+FIRST_NORMAL = 22  #: (3,): at the start
+NUMBERS = 25
 # Rows of `by_coordinate` (rows, r) and `by_pattern` (rows, patterns).
 KAPPA, MOMENTS, SLOPE_MOMENTS = 0, 1, 2
 MEANS, NORMS, AT_END, REACH_LOADS, AT_CANDIDATES = 0, 1, 2, 3, 4

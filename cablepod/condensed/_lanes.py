@@ -222,7 +222,7 @@ class _Group:
         motions = np.ascontiguousarray(np.moveaxis(lanes.ends.motions[members], 0, -1))
         count, dims = len(lanes.ends.rows), p.dims
         work = np.empty((count, 5, LANES)), np.empty((count, 2, 4, LANES)), np.empty((9, LANES))
-        reference = None if dims == 2 else np.ascontiguousarray(np.eye(3)[batch.reference[members]].T)
+        reference = None if dims == 2 else np.ascontiguousarray(batch.reference[members].T)
         self.of_ends = lanes.ends.rows, motions, work
         self.of_frames = (
             _flat(p.ends[members]).reshape(2 * dims, LANES), np.zeros((2 * dims, LANES)),

@@ -79,6 +79,8 @@ def variables(
     }
     ends = p.end_positions(times)
     result["end_position"] = (("time", "end", "coordinate"), ends)
+    if p.dims == 3:
+        result["normal_reference"] = (("coordinate",), model.reference)
     result["unstretched_length"] = ((), chain.total_length)
     if state.closed is not None or {"position", "velocity"} & set(outputs):
         closed = (

@@ -16,7 +16,7 @@ from cablepod.catenary._statics import solve_statics
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._reference_state import INSTANTS, orthogonal_coordinates, reference_state
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.discretisation._chord_frame import reference_axis
+from cablepod.discretisation._chord_frame import normals_at_start
 from cablepod.parameters._parameters import Parameters
 
 #: Number of unit models kept: sets of modes, ranks and orders that a program alternates between.
@@ -71,9 +71,7 @@ class MemberStates(NamedTuple):
         squared = np.maximum((load * load).sum(axis=1) - tangential**2, 0.0)
         shares = np.ones((load.shape[0], 1))
         if load.shape[1] == 3:
-            axis = reference_axis(reach)[:, None]
-            cosine, component = (np.take_along_axis(array, axis, axis=1)[:, 0] for array in (along, load))
-            first = (component - cosine * tangential) ** 2 / (1.0 - cosine**2)
+            first = (load * normals_at_start(reach)).sum(axis=1) ** 2
             first = np.divide(first, squared, out=np.zeros_like(first), where=squared > 0.0)
             shares = np.stack([first, 1.0 - first], axis=1)
         ends = parameters.end_positions(np.linspace(0.0, end_time, INSTANTS if parameters.motions else 1))

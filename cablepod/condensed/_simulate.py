@@ -93,8 +93,9 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the requested
-        outputs, on the particles of the modes; of members that run in lanes ``end_position`` is computed when it is read.
+        ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane`` and ``normal_reference (coordinate)``,
+        ``end_position`` [m] and the requested outputs, on the particles of the modes; of members that run in lanes
+        ``end_position`` is computed when it is read.
         Attributes: scheme, step [s], number of steps, ``step_limit`` [s], the stability limit of explicit steps at the start,
         and the diagnostics of :mod:`cablepod.reduced`: ``smallest_chordwise_force`` [N] over all steps,
         ``forcing_over_axial_frequency``, ``energy_share_kept``, ``outside_training`` and ``error_estimate`` (largest expected

@@ -9,9 +9,9 @@ import numpy as np
 from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
 
-#: Maximum cosine between the chord and the reference axis of the normals at the start.
+#: Maximum cosine between the first chord and the vertical for normals that refer to it.
 ALIGNED = 0.98
-#: Maximum cosine between them later: the angle, which the normals are divided by, may halve once.
+#: Maximum cosine between a chord and its reference: the angle between them, which the normals are divided by, may halve once.
 MAX_COSINE = 0.5 * (1.0 + ALIGNED)
 
 
@@ -19,23 +19,26 @@ MAX_COSINE = 0.5 * (1.0 + ALIGNED)
 class ChordFrame:
     """Unit vectors along and normal to the chord at given instants.
 
-    In the plane the normal is the chord direction turned by a right angle.  In space the first normal is the projection of the
-    axis `reference` (the vertical, unless the chord is vertical); the second completes a right-handed system.
+    In the plane the normal is the chord direction turned by a right angle.  In space the first normal is the projection of
+    `reference`; the second completes a right-handed system.  Frames with the vertical as reference turn about the chord when it
+    leaves its vertical plane; with their first normal at the start as reference they hardly do.
     """
 
     chord: np.ndarray  #: distance of the ends (times,) [m]
     along: np.ndarray  #: (times, dims)
     normals: np.ndarray  #: (times, dims - 1, dims)
-    reference: int  #: axis that defines the first normal in space
+    reference: np.ndarray  #: unit vector (dims,) whose part normal to the chord is the first normal in space
 
     @classmethod
-    def of(cls, reach: np.ndarray, reference: int | None = None) -> ChordFrame:
+    def of(cls, reach: np.ndarray, reference: np.ndarray | None = None) -> ChordFrame:
         """Compute the frames of chord vectors (times, dims) [m], from the lower to the upper end.
+
+        `reference` is by default the axis that :func:`reference_axis` chooses for the first chord.
 
         Raises
         ------
         SceneError
-            If the ends meet, if the chord turns into the reference axis in space, or if there is one coordinate only.
+            If the ends meet, if the chord turns into the reference in space, or if there is one coordinate only.
         """
         if reach.shape[1] not in (2, 3):
             raise SceneError(
@@ -48,16 +51,15 @@ class ChordFrame:
             )
         along = reach / chord[:, None]
         if reach.shape[1] == 2:
-            return cls(chord, along, np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None], 1)
+            return cls(chord, along, np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None], np.array([0.0, 1.0]))
         if reference is None:
-            reference = int(reference_axis(reach[0]))
-        cosine = along[:, reference, None]
-        if np.abs(cosine).max() >= MAX_COSINE:
+            reference = reference_axis(reach[0])
+        if np.abs(along @ reference).max() >= MAX_COSINE:
             raise SceneError(
-                f"motion: the chord turns into the axis {'xyz'[reference]}; allowed: one that stays away from this axis, "
-                "which separates deflection in the plane from deflection out of it"
+                f"motion: the chord turns into the direction {(reference.round(3) + 0.0).tolist()}, which its normals refer to; "
+                "allowed: one that stays away from it"
             )
-        first = (np.eye(3)[reference] - cosine * along) / np.sqrt(1.0 - cosine**2)
+        first = first_normals(along, reference)
         return cls(chord, along, np.stack([first, np.cross(along, first)], axis=1), reference)
 
     def rates(self, reach: np.ndarray, reach_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -66,8 +68,8 @@ class ChordFrame:
         along_rate = (reach_rate - chord_rate[:, None] * self.along) / self.chord[:, None]
         if reach.shape[1] == 2:
             return chord_rate, along_rate, np.stack([-along_rate[:, 1], along_rate[:, 0]], axis=1)[:, None]
-        k, first = self.reference, self.normals[:, 0]
-        cosine, cosine_rate = self.along[:, k, None], along_rate[:, k, None]
+        first = self.normals[:, 0]
+        cosine, cosine_rate = (self.along @ self.reference)[:, None], (along_rate @ self.reference)[:, None]
         sine = np.sqrt(1.0 - cosine**2)
         first_rate = (-cosine_rate * self.along - cosine * along_rate) / sine + first * cosine * cosine_rate / sine**2
         second_rate = np.cross(along_rate, first) + np.cross(self.along, first_rate)
@@ -93,9 +95,23 @@ class ChordFrame:
 
 
 def reference_axis(chord: np.ndarray) -> np.ndarray:
-    """Return the axis that defines the normals for chords (..., dims): the vertical, in space the flattest near the vertical."""
+    """Return the axis (..., 3) closest to the first normals of chords (..., 3): the vertical, for chords near it the flattest."""
     cosine = np.abs(chord) / np.sqrt(square(chord))[..., None]
-    return np.where((chord.shape[-1] == 2) | (cosine[..., 1] < ALIGNED), 1, np.argmin(cosine, axis=-1))
+    return np.eye(3)[np.where(cosine[..., 1] < ALIGNED, 1, np.argmin(cosine, axis=-1))]
+
+
+def first_normals(along: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Return the part of unit vectors `reference` (..., 3) normal to unit vectors `along` (..., 3), of unit length."""
+    cosine = (along * reference).sum(axis=-1, keepdims=True)
+    return (reference - cosine * along) / np.sqrt(1.0 - cosine**2)
+
+
+def normals_at_start(chord: np.ndarray) -> np.ndarray:
+    """Return the first normals (..., dims) at chords (..., dims) [m] that the normals of their later motion refer to."""
+    along = chord / np.sqrt(square(chord))[..., None]
+    if chord.shape[-1] == 2:
+        return np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    return first_normals(along, reference_axis(chord))
 
 
 def stretch_to_close(slopes: np.ndarray, length: np.ndarray, chord: np.ndarray) -> np.ndarray:

@@ -139,7 +139,7 @@ def _split_second(source: Any, region: tuple[slice, ...], max_rows: int) -> Iter
 
 
 def read_rows(
-    position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str, reference: int | None = None
+    position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str, reference: np.ndarray | None = None
 ) -> Iterator[np.ndarray]:
     """Yield lifted snapshots, eq. (35), or normal deflections as rows of inner particles, in small batches.
 
@@ -155,7 +155,7 @@ def read_rows(
         "separate" yields arrays (coordinate, samples, particle), "vector" (1, samples, coordinate * particle), coordinate
         by coordinate; "normal" (normals, samples, particle), deflections normal to the chord.
     reference
-        Axis that defines the normals in space, see :class:`cablepod.discretisation._chord_frame.ChordFrame`.
+        Axis that the normals in space refer to, see :class:`cablepod.discretisation._chord_frame.ChordFrame`.
     """
     samples, particles, dims = position.shape
     inner = particles - 2

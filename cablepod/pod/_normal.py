@@ -17,10 +17,10 @@ from cablepod.errors import SceneError, scene_error
 SETS = ("", "_out_of_plane")
 
 
-def deflections(position: np.ndarray, reference: int | None = None) -> np.ndarray:
+def deflections(position: np.ndarray, reference: np.ndarray | None = None) -> np.ndarray:
     """Return deflections (normals, samples, particle) [m] of positions (samples, particle, dims) [m].
 
-    `reference` is the axis that defines the normals in space, by default chosen from the first chord.
+    `reference` is the axis that the normals in space refer to, by default chosen from the first chord.
     """
     return ChordFrame.of(position[:, -1] - position[:, 0], reference).split(position)[1]
 
@@ -59,7 +59,10 @@ def project(
 def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset, sigma: np.ndarray) -> np.ndarray:
     """Return positions (time, particle, dims) [m] of amplitudes, with the same stretch along the chord in all links."""
     ends = floats(amplitudes["end_position"].values)
-    frame = ChordFrame.of(ends[:, 1] - ends[:, 0])
+    reference = None
+    if "normal_reference" in amplitudes.variables:  # that of a reduced model
+        reference = _values("amplitudes", amplitudes, "normal_reference", ("coordinate",))
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
     rank, most = amplitudes.sizes["mode"], modes.sizes["mode"]
     if rank > most:
         raise scene_error("amplitudes", f"{rank} modes", f"at most {most}, the number of modes")

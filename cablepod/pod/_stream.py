@@ -50,7 +50,7 @@ class Stream:
         check_options(layout, "svd", weights, None, None)
         self.layout, self.weights, self.center = layout, weights, bool(center) and layout != "normal"
         self.samples = 0
-        self._reference: int | None = None  # axis that defines the normals in space, layout "normal"
+        self._reference: np.ndarray | None = None  # axis that the normals in space refer to, layout "normal"
         self._sums: list[IncrementalSVD] = []
         self._like: xr.Dataset | None = None
         self._inputs: dict[str, provenance.Input] = {}
@@ -126,8 +126,8 @@ class Stream:
             return self
         if self._like is not None:
             self._check_particles(other._like)
-        references = {axis for axis in (self._reference, other._reference) if axis is not None}
-        if len(references) > 1:
+        axis, other_axis = self._reference, other._reference
+        if axis is not None and other_axis is not None and not np.array_equal(axis, other_axis):
             raise SceneError(
                 "other: its first chord is so steep that its normals refer to another axis; "
                 "allowed: streams whose first chords have similar directions"
@@ -136,7 +136,7 @@ class Stream:
         with one_blas_thread():
             for total, added in zip(sums, other._sums, strict=True):
                 total.merge(added)
-        self._sums, self._reference = sums, next(iter(references), None)
+        self._sums, self._reference = sums, other_axis if axis is None else axis
         self._trained = union_of_ranges(self._trained, other._trained)
         return self._record(other.samples, other._like, other._inputs.values())
 

@@ -157,14 +157,15 @@ def test_failing_members_report_the_reason_of_single_runs(soft, monkeypatch):
 
 
 @pytest.mark.slow
-def test_chords_that_turn_into_the_reference_axis_have_no_positions(soft):
-    # the first member passes the vertical, where the normals of positions are not defined
-    varied = {"ends_upper": [[1.9, 7.2], [7.0, 3.0], [6.0, 4.0]]}
-    motion = {"upper": {"x": {**ONE["upper"]["x"], "amplitude": -0.8}}}
+def test_chords_that_turn_into_their_first_normal_have_no_positions(soft):
+    # the end of the first member circles about the lower one, by a right angle and more
+    size = {"motion_upper_x_amplitude": [-7.0, -0.05, 0.02], "motion_upper_y_amplitude": [7.0, 0.05, 0.02]}
+    varied = {"ends_upper": [[7.0, 0.0], [7.0, 3.0], [6.0, 4.0]], **size}
+    motion = {"upper": {"x": ONE["upper"]["x"], "y": {**ONE["upper"]["x"], "kind": "harmonic"}}}
     scenes, modes = scenes_of(soft, motion, varied, 3), full_modes(dims=3)
     with pytest.warns(errors.MemberFailedWarning, match="1 of 3 members"):
-        run = cp.condensed.simulate(scenes, modes, rank=3, outputs=("position",))
-    assert "turns into the axis y" in run.failure.values[0]
+        run = cp.condensed.simulate(scenes, modes, rank=3, times=[0.6, 1.2, 1.8], outputs=("position",))
+    assert "turns into the direction" in run.failure.values[0]
     assert np.isnan(run.position[0]).all()
 
 

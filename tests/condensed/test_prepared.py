@@ -586,10 +586,20 @@ def test_a_bad_state_is_refused(state):
     np.testing.assert_array_equal(guy.state, before)
 
 
-def test_a_chord_along_the_axis_of_the_normals_is_refused():
+def test_a_chord_along_its_first_normal_is_refused():
     guy = prepared(SPATIAL)
-    with pytest.raises(cp.SceneError, match=r"^end_position: .*axis y"):
-        guy.step([0.5, 60.0, 0.5], [0.0, 0.0, 0.0], 0.01)
+    chord = np.linalg.norm(guy.end_position)
+    along = guy.end_position / chord
+    up = np.array([0.0, 1.0, 0.0]) - along[1] * along
+    normal = up / np.linalg.norm(up)
+    with pytest.raises(
+        cp.SceneError, match=f"^end_position: .*from the direction {re.escape(str(normal.round(3).tolist()))}"
+    ):
+        guy.step(chord * (normal + 0.01 * along), np.zeros(3), 0.01)
+    with pytest.raises(cp.SceneError, match=r"^end_position: .*pass each other"):
+        guy.step(chord * (normal - 0.01 * along), np.zeros(3), 0.01)
+    with pytest.raises(cp.RunStopped):  # farther away the frame is no reason, but so large a step is
+        guy.step(chord * (np.cos(1.4) * along + np.sin(1.4) * normal), np.zeros(3), 1e-3)
 
 
 def test_a_motion_that_diverges_says_when_and_keeps_the_accepted_state():

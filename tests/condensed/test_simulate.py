@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from public_calls import datasets
 from references.condensed_ode import Reference
-from scenes import LENGTHS, everything, full_modes, spatial
+from scenes import LENGTHS, circling, everything, full_modes, spatial
 
 import cablepod as cp
 from cablepod import examples as shipped
@@ -312,6 +312,18 @@ def test_planar_scenes_in_space_and_in_a_rotated_plane(soft, modes, order):
     for name in ("position", "velocity"):
         np.testing.assert_allclose(other[name], wide[name].values @ turn.T, atol=1e-10)
     np.testing.assert_allclose(other.tension, wide.tension, rtol=1e-9)
+
+
+def test_a_chord_that_passes_the_vertical_in_space_moves_as_in_the_plane(soft, modes):
+    taut = {**soft, "cable": {**soft["cable"], "top_tension": 600.0}, "time": {"duration": 20.0, "interval": 0.5}}
+    space = circling(taut, 1.3)  # from 37 to 111 degrees
+    both = modes[3].copy(deep=True)
+    both["mode_shape"] = modes[2].mode_shape
+    wide = cp.condensed.simulate(cp.make_scene(space), both, step=2e-3)
+    flat = cp.condensed.simulate(cp.make_scene({**taut, "motion": space["motion"]}), modes[2], step=2e-3)
+    assert float(flat.position[-1, -1, 0]) < -3.0
+    np.testing.assert_allclose(wide.position[..., :2], flat.position, atol=1e-11)
+    np.testing.assert_allclose(wide.position[..., 2], 0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -30,8 +30,11 @@ class Reference:
         self.damping = self.p.mass_damping or 0.0
         self.zeta = None
         start = np.diff(self.p.end_positions(np.zeros(1))[0], axis=0)[0]
-        # the axis that defines the normals in space: the vertical, or the flattest within 11 degrees of it
-        self.axis = int(np.argmin(np.abs(start))) if abs(start[1]) > 0.98 * np.linalg.norm(start) else 1
+        # the normals in space refer to the first one at the start: that closest to the vertical, or to the flattest axis within
+        # 11 degrees of it
+        start = start / np.linalg.norm(start)
+        self.axis = np.eye(self.dims)[np.argmin(np.abs(start)) if abs(start[1]) > 0.98 else 1]
+        self.axis = self.axis - (start @ self.axis) * start
         if order == "leading":
             self.factor, self.masses = self.second_order()
 
@@ -87,7 +90,7 @@ class Reference:
         e = reach / c
         if self.dims == 2:
             return ends, c, e, np.array([[-e[1], e[0]]])
-        first = np.eye(3)[self.axis] - e[self.axis] * e
+        first = self.axis - (e @ self.axis) * e
         first /= np.linalg.norm(first)
         return ends, c, e, np.array([first, np.cross(e, first)])
 
