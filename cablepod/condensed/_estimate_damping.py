@@ -51,7 +51,7 @@ def forces_by_rates(
         forces -= rates @ (matrix @ equation.change).T
         damping += max(float(np.linalg.eigvalsh(matrix)[0]), 0.0)
     if equation.model is not None:  # the damping of the error by dampers, which may miss a mode, does not count
-        forces += forces_of_attachments(equation.model, model, equation.change, q, rates, boundary_data)
+        forces += forces_of_attachments(equation.model, model, equation.change, times, q, rates, boundary_data)
     if air is not None:
         drag, of_drag = EnrichedDrag.of(equation, air).forces(times, q, rates, boundary_data)
         forces, damping = forces + drag, damping + of_drag
