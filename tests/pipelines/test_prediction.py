@@ -8,6 +8,7 @@ import error_budget.run
 import numpy as np
 import prediction.continuous
 import prediction.figure
+import prediction.in_space
 import prediction.run
 import prediction.scenes
 import pytest
@@ -179,6 +180,14 @@ def test_errors_against_the_continuous_cable_in_small():
     assert (chain.sel(model=rich) < 0.5 * links).all()  # measured 0.17 and 0.07
     assert (result["change"] < 0.1 * cable.min("model")).all()
     assert f"| {rich} |" in prediction.continuous.table_of(result)
+
+
+def test_estimates_of_guys_in_space_in_small():
+    result = prediction.in_space.report(4, 20)  # a bare guy for each motion
+    assert (np.abs(np.log(result["error"] / result["error_estimate"])) < np.log(1.5)).all()
+    assert "| bare cables | 4 |" in prediction.in_space.table_of(result)
+    scenes = [prediction.in_space.scene_of(number, np.full(12, 0.3)) for number in range(32)]
+    assert {scene.attrs["title"].split(": ")[1] for scene in scenes} == set(prediction.in_space.THINGS)
 
 
 def test_order_leading_without_its_terms_of_second_order():
