@@ -9,7 +9,7 @@ import numpy as np
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate_air import EnrichedDrag
 from cablepod.condensed._estimate_attached import forces_of_attachments
-from cablepod.condensed._kernels_layout import LeadingTerms
+from cablepod.condensed._kernels_layout import LeadingTerms, RateTerms
 from cablepod.discretisation._modal_damping import modal_damping
 
 if TYPE_CHECKING:
@@ -44,12 +44,9 @@ def forces_by_rates(
         A row for each sample.
     """
     forces, damping = np.zeros((len(q), len(equation.change))), 0.0
-    if equation.chain.p.tension_damping is not None:
-        forces, damping = _damping_by_tension(equation, q, rates, boundary_data)
-    if equation.chain.p.damping_ratios is not None:
-        matrix = enriched_damping(equation, model)
-        forces -= rates @ (matrix @ equation.change).T
-        damping += max(float(np.linalg.eigvalsh(matrix)[0]), 0.0)
+    p = equation.chain.p
+    if p.tension_damping is not None or p.damping_ratios is not None:
+        forces, damping = _damped(equation, model, q, rates, boundary_data)
     if equation.model is not None:  # the damping of the error by dampers, which may miss a mode, does not count
         forces += forces_of_attachments(equation.model, model, equation.change, times, q, rates, boundary_data)
     if air is not None:
@@ -71,25 +68,21 @@ def enriched_damping(equation: ErrorEquation, model: CondensedModel) -> np.ndarr
     return modal_damping(model.chain.p.damping_ratios or (), stiffness[0], np.ones(size))
 
 
-def _damping_by_tension(
-    equation: ErrorEquation, q: np.ndarray, rates: np.ndarray, boundary_data: np.ndarray
+def _damped(
+    equation: ErrorEquation, model: CondensedModel, q: np.ndarray, rates: np.ndarray, boundary_data: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Return what the damping by the tension adds: less beta times geometric stiffness times rates, with H to leading order.
+    """Return the forces of the damping by the tension and by ratios, with H to leading order.
 
     The error is damped as its slowest mode, with the mean of H, by which faster modes are damped too little.
     """
-    p, change = equation.chain.p, equation.change
-    terms = LeadingTerms(*(array[0] for array in equation.terms.enriched))
-    beta, size, kappa = p.tension_damping or 0.0, len(change), terms.kappa
-    loads = boundary_data[:, 1 : 1 + terms.mean_chordwise_forces.size]
-    motion, moving = q @ change.T, rates @ change.T
-    straight = (
-        p.stiffness * (boundary_data[:, 0] / equation.chain.total_length - 1.0) - loads @ terms.mean_chordwise_forces
-    )
-    chord_tension = straight + terms.sag_stiffness[0] * (motion**2 @ kappa)
-    forces = chord_tension[:, None] * (kappa * moving)
-    for load, stiffness in zip(loads.T, terms.geometric_stiffness.reshape(-1, size, size), strict=True):
-        forces += load[:, None] * (moving @ stiffness.T)
-    forces[chord_tension <= 0.0] = 0.0
-    damping = beta * max(float(chord_tension.mean()), 0.0) * float(kappa.min())
-    return -beta * forces, damping
+    from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+
+    p, to_enriched = equation.chain.p, equation.change.T
+    matrix = np.empty((0, 0)) if p.damping_ratios is None else enriched_damping(equation, model)
+    terms, beta = LeadingTerms(*(array[0] for array in equation.terms.enriched)), p.tension_damping or 0.0
+    forces, chord_tension = np.empty((len(q), len(to_enriched.T))), np.empty(len(q))
+    rate_terms, work = RateTerms(beta, matrix.reshape(-1)), np.empty(len(to_enriched.T))
+    states = boundary_data, q @ to_enriched, rates @ to_enriched
+    kernel.rate_forces(terms, rate_terms, *(map(np.ascontiguousarray, states)), work, forces, chord_tension)
+    damping = beta * max(float(chord_tension.mean()), 0.0) * float(terms.kappa.min())
+    return forces, damping + (max(float(np.linalg.eigvalsh(matrix)[0]), 0.0) if matrix.size else 0.0)
