@@ -138,20 +138,21 @@ class Reference:
         self.zeta, self.chord = zeta, c
         return zeta, pull, jacobian
 
+    def chordwise_forces(self, w, push, c):
+        """Chordwise forces of the links to leading order and their squared slopes (n,)."""
+        slope = np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0) / self.length[:, None]
+        squared, tau, total = (slope**2).sum(axis=1), np.concatenate([[0.0], -np.cumsum(push)]), self.s[-1]
+        stretch = c / total - 1.0 + 0.5 * (self.factor * squared) @ self.length / total
+        return self.p.stiffness * stretch - (tau @ self.length) / total + tau, squared
+
     def accelerate(self, t, w, *, moving=True):
         """Accelerations of the deflections (inner, normals) without damping or inertia along the chord, chordwise positions."""
         _, c, e, normals = self.frame(t)
         force = self.forces(t, moving=moving)
         if self.order == "leading":
-            slope = np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0) / self.length[:, None]
-            squared = (slope**2).sum(axis=1)
-            tau = np.concatenate([[0.0], -np.cumsum(force @ e)])
-            total = self.s[-1]
-            shortening = 0.5 * self.factor * squared
-            stretch = c / total - 1.0 + shortening @ self.length / total
-            n = self.p.stiffness * stretch - (tau @ self.length) / total + tau
+            n, squared = self.chordwise_forces(w, force @ e, c)
             pull = (self.factor * n / self.length)[:, None]
-            zeta = np.cumsum((1.0 + n / self.p.stiffness - shortening) * self.length)[:-1]
+            zeta = np.cumsum((1.0 + n / self.p.stiffness - 0.5 * self.factor * squared) * self.length)[:-1]
         else:
             zeta, pull, _ = self.along(w, force @ e, c)
             pull = pull[:, None]
@@ -199,8 +200,23 @@ class Reference:
         )
         return found.x.reshape(guess.shape)
 
+    def tensions(self, t, w):
+        """Tensions of the links (n,)."""
+        _, c, e, _ = self.frame(t)
+        push = self.forces(t) @ e
+        if self.order == "leading":
+            n, squared = self.chordwise_forces(w, push, c)
+            return n * np.sqrt(1.0 + squared)
+        zeta, pull, _ = self.along(w, push, c)
+        across = np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0)
+        return pull * np.sqrt(np.diff(np.concatenate([[0.0], zeta, [c]])) ** 2 + (across**2).sum(axis=1))
+
     def positions(self, times, w0=None, *, rtol=1e-11):
         """Positions (times, inner, dims) from rest."""
+        return self.motion(times, w0, rtol=rtol)[0]
+
+    def motion(self, times, w0=None, *, rtol=1e-11):
+        """Positions (times, inner, dims) and tensions (times, n) from rest."""
         w0 = self.rest() if w0 is None else w0
         rates = self.p.end_positions(np.zeros(1), 1)[0]
         line = rates[0] + np.outer(self.s[1:-1] / self.s[-1], rates[1] - rates[0])
@@ -211,9 +227,10 @@ class Reference:
             return np.concatenate([v, self.accelerate_all(t, w, v)]).ravel()
 
         run = solve_ivp(rate, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol)
-        result = []
+        positions, tensions = [], []
         for t, state in zip(times, run.y.T, strict=True):
             w = state.reshape(2, *w0.shape)[0]
             ends, _, e, normals = self.frame(t)
-            result.append(ends[0] + np.outer(self.accelerate(t, w)[1], e) + w @ normals)
-        return np.array(result)
+            positions.append(ends[0] + np.outer(self.accelerate(t, w)[1], e) + w @ normals)
+            tensions.append(self.tensions(t, w))
+        return np.array(positions), np.array(tensions)
