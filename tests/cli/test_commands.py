@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +21,7 @@ import xarray as xr
 from children import call, finish, python, without_progress
 from children import environment as environment_of_children
 from scenes import SOFT_TOML
+from suite import slow
 
 import cablepod as cp
 from cablepod import cli
@@ -60,11 +64,20 @@ def scene_file(tmp_path):
     return path
 
 
-def test_the_main_job(scene_file, tmp_path, capsys):
-    out = tmp_path / "deep" / "out"
-    assert cli.main(["run", str(scene_file), "--out", str(out), "--ranks", "1,2"]) == 0
-    said = capsys.readouterr()
-    assert without_progress(said.err) == ""
+@pytest.fixture(scope="module")
+def job(tmp_path_factory):
+    """The folder of a run with two ranks, not to be changed, and what the command said on stdout and stderr."""
+    folder = tmp_path_factory.mktemp("job")
+    (folder / "small.toml").write_text(SOFT_TOML)
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        arguments = ["run", str(folder / "small.toml"), "--out", str(folder / "deep" / "out"), "--ranks", "1,2"]
+        assert cli.main(arguments) == 0
+    return folder / "deep" / "out", out.getvalue(), err.getvalue()
+
+
+def test_the_main_job(job, scene_file):
+    out, said, told = job
+    assert without_progress(told) == ""
     names = {path.name for path in out.iterdir()}
     data = {
         "scene",
@@ -81,11 +94,11 @@ def test_the_main_job(scene_file, tmp_path, capsys):
     data |= {f"{model}_r{r}" for model in ("condensed", "galerkin") for r in (1, 2)}
     figures = {"tension", "tension_map", "deflection", "error_over_time", "modes", "singular_values", "shapes"}
     assert names == {f"{name}.nc" for name in data} | {f"{name}.png" for name in figures}
-    assert all(f"{name}.nc" in said.out for name in data)
+    assert all(f"{name}.nc" in said for name in data)
     comparison = cp.archive.read(out / "comparison.nc")
     for model in ("condensed", "galerkin"):
         worst = float(comparison.error_max.sel(model=model, rank=2))
-        row = next(line for line in said.out.splitlines() if line.startswith(f"{model}, r = 2 "))
+        row = next(line for line in said.splitlines() if line.startswith(f"{model}, r = 2 "))
         assert f"{100 * worst:.3g} %" in row
     # what is archived is what the functions give
     scene = cp.read_scene(scene_file)
@@ -95,16 +108,6 @@ def test_the_main_job(scene_file, tmp_path, capsys):
     assert chain.attrs["id"] == again.attrs["id"]
     reduced = cp.galerkin.simulate(scene, cp.archive.read(out / "modes.nc"), rank=2, times=chain.time.values)
     assert cp.archive.read(out / "galerkin_r2.nc").attrs["id"] == reduced.attrs["id"]
-
-
-def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
-    scene_file.write_text(SOFT_TOML + "[[point_load]]\narc_length = 0.5\nforce = [0.0, -10.0]\n")
-    done = call("run", scene_file, "--out", tmp_path / "out", "--ranks", "2")
-    assert done.returncode == 0
-    assert (
-        without_progress(done.stderr)
-        == "cablepod: note: catenary.rest leaves out the point loads of the scene; use chain.rest to include them\n"
-    )
 
 
 @pytest.mark.parametrize(
@@ -158,15 +161,46 @@ def test_info_takes_edited_files_on_demand(tmp_path, capsys, options):
     assert "Mine" in capsys.readouterr().out
 
 
-def test_results_are_not_overwritten_without_being_asked(scene_file, tmp_path, capsys):
-    arguments = ["run", str(scene_file), "--out", str(tmp_path / "out"), "--ranks", "1"]
-    assert cli.main(arguments) == 0
-    before = (tmp_path / "out" / "chain.nc").read_bytes()
-    capsys.readouterr()
+def test_results_are_overwritten_when_asked_and_json_has_the_numbers_of_the_files(job, scene_file, tmp_path, capsys):
+    out = shutil.copytree(job[0], tmp_path / "out")
+    arguments = ["run", str(scene_file), "--out", str(out), "--ranks", "1"]
+    before = (out / "chain.nc").read_bytes()
     assert cli.main(arguments) == 2
     assert "allowed: another folder, or --overwrite" in capsys.readouterr().err
-    assert (tmp_path / "out" / "chain.nc").read_bytes() == before
-    assert cli.main([*arguments, "--overwrite"]) == 0
+    assert (out / "chain.nc").read_bytes() == before
+    assert cli.main([*arguments, "--json", "--overwrite"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    table = cp.archive.read(out / "comparison.nc")
+    for row in (row for row in content["models"] if row["model"] != "chain"):
+        own = table.sel(model=row["model"], rank=row["rank"])
+        for name in ("error_max", "error_rms", "error_estimate", "call_time", "loop_time", "step"):
+            assert row[name] == float(own[name])
+    assert content["models"][-1]["links"] == 8
+    assert content["left_out"] == []
+
+
+def test_what_is_left_out_is_told(scene_file, tmp_path, capsys):
+    """A model that refuses the scene on stdout, warnings as notes of one line on stderr."""
+    load = "[[point_load]]\narc_length = 0.5\nforce = [0.0, -10.0]\n"
+    scene_file.write_text(f"{SOFT_TOML}{load}[damping]\nlink_viscosity = 1e-4\n")
+    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out"), "--ranks", "1"]) == 0
+    said = capsys.readouterr()
+    assert "left out: galerkin: damping.link_viscosity: given 0.0001; allowed: none" in said.out
+    assert "left out: condensed: damping.link_viscosity" in said.out
+    assert (
+        without_progress(said.err)
+        == "cablepod: note: catenary.rest leaves out the point loads of the scene; use chain.rest to include them\n"
+    )
+
+
+def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(scene_file, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["run", str(scene_file), "--ranks", "1,9"]) == 0
+    said, out = capsys.readouterr(), Path("out", "small")
+    assert (out / "comparison.nc").exists()
+    assert f"{out}: " in said.out
+    assert "cablepod: note: ranks: [9] left out, only 7 modes; use smaller ranks" in said.err
+    assert not (out / "galerkin_r9.nc").exists()
 
 
 def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
@@ -184,33 +218,6 @@ def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
             cp.SceneError, match=f"scene: given '{name}'; allowed: .* shipped scenes: .*example1, example2, "
         ):
             shipped.scene_path(name)
-
-
-def test_a_model_that_refuses_the_scene_is_left_out(scene_file, tmp_path, capsys):
-    scene_file.write_text(SOFT_TOML + "[damping]\nlink_viscosity = 1e-4\n")
-    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out"), "--ranks", "1"]) == 0
-    said = capsys.readouterr().out
-    assert "left out: galerkin: damping.link_viscosity: given 0.0001; allowed: none" in said
-    assert "left out: condensed: damping.link_viscosity" in said
-
-
-def test_the_folder_has_a_default(scene_file, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["run", str(scene_file), "--ranks", "1"]) == 0
-    assert (tmp_path / "out" / "small" / "comparison.nc").exists()
-    assert f"{Path('out', 'small')}: " in capsys.readouterr().out
-
-
-def test_json_has_the_numbers_of_the_files(scene_file, tmp_path, capsys):
-    assert cli.main(["run", str(scene_file), "--out", str(tmp_path), "--ranks", "1", "--json", "--overwrite"]) == 0
-    content = json.loads(capsys.readouterr().out)
-    table = cp.archive.read(tmp_path / "comparison.nc")
-    for row in (row for row in content["models"] if row["model"] != "chain"):
-        own = table.sel(model=row["model"], rank=row["rank"])
-        for name in ("error_max", "error_rms", "error_estimate", "call_time", "loop_time", "step"):
-            assert row[name] == float(own[name])
-    assert content["models"][-1]["links"] == 8
-    assert content["left_out"] == []
 
 
 @pytest.mark.parametrize(
@@ -296,12 +303,6 @@ def test_help_and_version_end_with_status_0(capsys):
     assert "simulate one scene: rest, chain, modes" in capsys.readouterr().out
 
 
-def test_ranks_above_the_number_of_modes_are_noted(scene_file, tmp_path, capsys):
-    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out"), "--ranks", "1,9"]) == 0
-    assert "cablepod: note: ranks: [9] left out, only 7 modes; use smaller ranks" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "galerkin_r9.nc").exists()
-
-
 def test_ctrl_c_has_a_status_of_its_own(scene_file, tmp_path, capsys, monkeypatch):
     def press(*_, **__):
         raise KeyboardInterrupt
@@ -343,7 +344,7 @@ def test_an_ensemble_makes_its_modes_and_goes_on_with_them(scene_file, tmp_path,
     np.testing.assert_array_equal(cp.archive.open_ensemble(out).position, whole)
 
 
-@pytest.mark.parametrize("arguments", [["examples"], ["--help"], ["run", "--help"]])
+@pytest.mark.parametrize("arguments", [["examples"], ["--help"], slow(["run", "--help"])])
 def test_a_closed_pipe_ends_without_a_word(arguments):
     reader, writer = os.pipe()
     os.close(reader)
@@ -369,16 +370,15 @@ def test_a_closed_pipe_ends_without_a_word(arguments):
         ("cablepod info out", {"file,out"}),
     ],
 )
-def test_the_shell_completes(words, offered):
-    environment = {
-        **environment_of_children(),
-        "_CABLEPOD_COMPLETE": "bash_complete",
-        "COMP_WORDS": words,
-        "COMP_CWORD": str(len(words.split()) - 1),
-    }
-    done = call(env=environment)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert set(done.stdout.split()) == offered
+def test_the_shell_completes(words, offered, monkeypatch, capsys):
+    variables = {"_CABLEPOD_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit) as ended:
+        cli.main([])
+    said = capsys.readouterr()
+    assert (ended.value.code, said.err) == (0, "")
+    assert set(said.out.split()) == offered
 
 
 def test_the_shell_is_told_how_to_complete():

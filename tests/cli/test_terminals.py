@@ -1,24 +1,28 @@
 """Terminals that cannot show all characters, backends of matplotlib that do not exist, inputs that never end."""
 
+import io
 import os
+import sys
 
 import pytest
-from children import call, environment, run_python
+from children import environment, run_python
 
 import cablepod as cp
+from cablepod import cli
 from cablepod.examples import scene_path
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
-def test_what_a_terminal_cannot_show_is_escaped(encoding, tmp_path):
+def test_what_a_terminal_cannot_show_is_escaped(encoding, tmp_path, monkeypatch):
     with open(scene_path("example2"), encoding="utf-8") as file:
         lines = [line for line in file if not line.startswith("title")]
     (tmp_path / "it.toml").write_text('title = "Segu\\u00ed \\u03c3 \\u001b[2J"\n' + "".join(lines), encoding="utf-8")
-    variables = {**environment(), "PYTHONIOENCODING": encoding}
-    done = call("check", tmp_path / "it.toml", env=variables, encoding=encoding)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding))
+    assert cli.main(["check", str(tmp_path / "it.toml")]) == 0
+    sys.stdout.flush()
+    said = sys.stdout.buffer.getvalue().decode(encoding)
     shown = "\\u03c3" if encoding != "utf-8" else "σ"
-    assert done.stdout.split("\n")[0].split() == ["Segu" + ("\\xed" if encoding == "ascii" else "í"), shown, "\\x1b[2J"]
+    assert said.split("\n")[0].split() == ["Segu" + ("\\xed" if encoding == "ascii" else "í"), shown, "\\x1b[2J"]
 
 
 def test_an_unknown_backend_is_refused_before_the_run(tmp_path):
