@@ -15,6 +15,7 @@ from scenes import SCENES, SOFT
 from suite import (
     no_process_left_behind,
     pytest_addoption,
+    pytest_collection_finish,
     pytest_collection_modifyitems,
     pytest_configure,
     pytest_report_header,
@@ -27,6 +28,7 @@ from cablepod.scene import _limits as scene_limits
 __all__ = [
     "no_process_left_behind",
     "pytest_addoption",
+    "pytest_collection_finish",
     "pytest_collection_modifyitems",
     "pytest_configure",
     "pytest_report_header",

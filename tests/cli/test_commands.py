@@ -193,7 +193,9 @@ def test_what_is_left_out_is_told(scene_file, tmp_path, capsys):
     )
 
 
-def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(scene_file, tmp_path, monkeypatch, capsys):
+def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(
+    scene_file, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", str(scene_file), "--ranks", "1,9"]) == 0
     said, out = capsys.readouterr(), Path("out", "small")

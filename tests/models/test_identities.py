@@ -1,0 +1,181 @@
+"""What holds for every model and scheme: its order, rest, planes, members, and what a result does not depend on."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from scenes import EVERYTHING, RIGID_CABLE, SOFT, everything, full_modes, spatial
+
+import cablepod as cp
+from cablepod._models import MODELS
+
+#: Ways to run a model: options, step [s], order of the scheme.
+CASES: dict[str, tuple[dict[str, Any], float, float]] = {
+    "chain velocity_verlet": ({}, 1e-3, 2.0),
+    "chain velocity_verlet green": ({"law": "green"}, 2.5e-4, 2.0),
+    "chain trapezoidal": ({}, 2e-3, 2.0),
+    "chain generalized_alpha": ({}, 2e-3, 2.0),
+    "chain energy_momentum": ({}, 2e-3, 2.0),
+    "cable velocity_verlet": ({"elements": 3, "law": "linear", "order": 3}, 5e-4, 2.0),
+    "cable trapezoidal": ({"elements": 3, "law": "linear", "order": 3}, 2e-3, 2.0),
+    "rigid rattle": ({}, 2e-3, 2.0),
+    "rigid index1": ({}, 5e-3, 4.0),
+    "galerkin velocity_verlet": ({}, 2.5e-4, 2.0),
+    "galerkin filtered_verlet": ({}, 1e-3, 2.0),
+    "galerkin trapezoidal": ({}, 1.25e-4, 2.0),
+    "condensed velocity_verlet": ({}, 1e-3, 2.0),
+    "condensed numerov": ({}, 1e-2, 4.0),
+    "condensed trapezoidal": ({}, 1e-3, 2.0),
+    "condensed velocity_verlet exact": ({"order": "exact"}, 1e-3, 2.0),
+    "condensed trapezoidal exact": ({"order": "exact"}, 1e-3, 2.0),
+    "condensed velocity_verlet inertial": ({"order": "inertial"}, 1e-3, 2.0),
+    "condensed trapezoidal inertial": ({"order": "inertial"}, 1e-3, 2.0),
+}
+MODES = {"galerkin": "separate", "condensed": "normal"}
+OUTPUTS = ("position", "tension_extremes")
+#: Of these a planar and a spatial run give the same bits.
+BIT_FOR_BIT = ("chain velocity_verlet", "cable", "rigid")
+# the modes are of another cable, and few
+pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
+
+
+def scene_of(case: str, dims: int = 2) -> dict[str, Any]:
+    """The mapping of a soft scene with every term that the model knows, in the plane or turned out of it."""
+    mapping = everything(copy.deepcopy(SOFT), 2)
+    if case.startswith("rigid"):
+        mapping["cable"] = RIGID_CABLE
+    if case.startswith(("chain", "cable")) and "green" not in case:
+        mapping["damping"] = {**EVERYTHING["damping"], "link_viscosity": 1e-3}
+    return mapping if dims == 2 else spatial(mapping)
+
+
+def turned(mapping: dict[str, Any], turn: np.ndarray) -> dict[str, Any]:
+    """A spatial scene turned about the vertical."""
+    result = copy.deepcopy(mapping)
+    result["ends"] = {end: (turn @ place).tolist() for end, place in mapping["ends"].items()}
+    for load in (result["load"], *result["point_load"]):
+        for key in {"uniform", "force"} & set(load):
+            load[key] = (turn @ load[key]).tolist()
+    x = mapping["motion"]["upper"]["x"]
+    result["motion"]["upper"] = {
+        axis: {**x, "amplitude": turn[k, 0] * x["amplitude"]} for axis, k in (("x", 0), ("z", 2))
+    }
+    return result
+
+
+@pytest.fixture(scope="module")
+def modes():
+    """Modes of both layouts, in the plane and in space."""
+    found = {}
+    for dims in (2, 3):
+        run = cp.chain.simulate(cp.make_scene(scene_of("galerkin", dims)), step=1e-3, outputs=OUTPUTS)
+        found["galerkin", dims] = cp.pod.decompose(run)
+        found["condensed", dims] = full_modes(dims=dims).assign(mode_shape=full_modes().mode_shape)
+    return found
+
+
+@pytest.fixture
+def simulate(modes):
+    """Run a case on a scene, or on the mapping of one, by its own step times a factor."""
+
+    def run(case: str, scene: Any, *, longer: float = 1.0, **options: Any) -> xr.Dataset:
+        model, scheme, *_ = case.split()
+        own, step, _ = CASES[case]
+        scene = scene if isinstance(scene, xr.Dataset) else cp.make_scene(scene)
+        given = [modes[model, scene.sizes["coordinate"]]] if model in MODES else []
+        own = own | {"formulation" if model == "rigid" else "scheme": scheme}
+        own |= {"rank": 3} if given else {}
+        return MODELS[model].simulate(scene, *given, **own | {"step": longer * step, "outputs": OUTPUTS} | options)
+
+    return run
+
+
+def test_every_model_and_scheme_is_here(simulate):
+    assert {case.split()[0] for case in CASES} == {name for name, model in MODELS.items() if not model.of_mast}
+    for model in {case.split()[0] for case in CASES}:
+        schemes = {case.split()[1] for case in CASES if case.startswith(model)}
+        case = next(case for case in CASES if case.startswith(model))
+        option = "formulation" if model == "rigid" else "scheme"
+        with pytest.raises(cp.SceneError, match=f"^{option}: given 'euler'; allowed: ") as refused:
+            simulate(case, scene_of(case), **{option: "euler"})
+        assert (
+            set(re.findall(r"\w+_?\w*", str(refused.value).partition("allowed: ")[2])) - {"one", "of", "or"} == schemes
+        )
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_scheme_has_its_order(case, simulate):
+    order = CASES[case][2]
+    runs = [simulate(case, scene_of(case), times=[0.5, 1.0, 2.0], longer=0.5**i) for i in range(4)]
+    distance = [float(np.abs(a.position - b.position).max()) for a, b in itertools.pairwise(runs)]
+    found = np.log2(np.divide(distance[:-1], distance[1:]))
+    np.testing.assert_allclose(found, order, atol=0.1 * order)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_rests_stays_at_rest(case, simulate):
+    still = scene_of(case) | {"motion": {}, "load": {"uniform": [3.0, -2.0]}}
+    still["point_load"] = still["point_load"][:1]
+    run = simulate(case, still, times=np.arange(5.0))
+    # rounding of the rest, 1e-15 of 10 m times k/k, set swinging
+    assert float(np.abs(run.position - run.position[0]).max()) < 1e-11
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_plane_in_space_is_a_plane(case, simulate):
+    times = [0.0, 0.2, 0.5001]
+    flat, deep = (simulate(case, scene_of(case, dims), times=times) for dims in (2, 3))
+    # blocks of two and three unknowns are eliminated in another order, and so are sums over modes
+    rounding = 0.0 if case.startswith(BIT_FOR_BIT) else 1e-10
+    np.testing.assert_allclose(deep.position[..., :2], flat.position, rtol=0, atol=rounding)
+    np.testing.assert_allclose(deep.tension_maximum, flat.tension_maximum, rtol=10.0 * rounding)
+    np.testing.assert_allclose(deep.position[..., 2], 0.0, atol=1e-3 * rounding)
+    if case.startswith("galerkin"):  # whose modes of single coordinates do not turn
+        return
+    cosine, sine = 0.6, 0.8
+    turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+    other = simulate(case, turned(scene_of(case, 3), turn), times=times)
+    # rounding of the turned ends, 1e-15, and of their motion, grown over some hundred steps
+    np.testing.assert_allclose(other.position, deep.position.values @ turn.T, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_instant_depends_on_no_other_and_inputs_stay(case, simulate, modes):
+    scene, step = cp.make_scene(scene_of(case)), CASES[case][1]
+    before = scene.copy(deep=True), {key: value.copy(deep=True) for key, value in modes.items()}
+    every = simulate(case, scene, times=np.arange(round(1.0 / step) + 1) * step)
+    few = simulate(case, scene, times=[0.5, 1.0])
+    # positions of the condensed model follow from its amplitudes, at all instants together in the order "exact"
+    state = "amplitude" if "condensed" in case else "position"
+    np.testing.assert_array_equal(few[state], every[state][[round(0.5 / step), -1]])
+    np.testing.assert_allclose(few.tension_maximum, every.tension_maximum, rtol=1e-9)
+    start = simulate(case, scene, times=[0.0])
+    np.testing.assert_array_equal(start[state][0], every[state][0])
+    assert start.attrs["number_of_steps"] == 0
+    assert few.attrs["number_of_steps"] * few.attrs["step"] == pytest.approx(1.0)
+    xr.testing.assert_identical(scene, before[0])
+    for key, value in modes.items():
+        xr.testing.assert_identical(value, before[1][key])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_members_are_their_single_runs(case, simulate):
+    scene = cp.make_scene(scene_of(case))
+    key, values = ("unstretched_length", [10.6, 11.5]) if case.startswith("rigid") else ("top_tension", [250.0, 320.0])
+    scenes = cp.ensemble.design(scene, {f"cable.{key}": [*values, 2]})
+    before = scenes.copy(deep=True)
+    both = simulate(case, scenes, times=[0.0, 0.5])
+    xr.testing.assert_identical(scenes, before)
+    assert both.position.dims == ("member", "time", "particle", "coordinate")
+    np.testing.assert_array_equal(both[f"cable_{key}"], values)
+    for i in range(2):
+        alone = simulate(case, scenes.isel(member=i, drop=True), times=[0.0, 0.5])
+        # the condensed model scales its coefficients from one member to another, which rounds otherwise
+        np.testing.assert_allclose(both.position[i], alone.position, rtol=0, atol=1e-12 if "condensed" in case else 0.0)
+    assert float(np.abs(both.position[1] - both.position[0]).max()) > 1e-3
