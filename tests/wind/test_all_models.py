@@ -22,7 +22,7 @@ def runs_of(model, tables):
     """Return positions with three steps, each half of the last one."""
     scene = cp.make_scene(tables)
     if model in ORDERS:
-        modes = cp.condensed.vibration_modes(scene, rank=3)
+        modes = cp.condensed.vibration_modes(scene, rank=4)
         return [
             cp.condensed.simulate(scene, modes, order=model, step=h, outputs=("position",)).position.values
             for h in ORDERS[model]

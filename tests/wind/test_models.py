@@ -88,7 +88,7 @@ def test_blow_back_of_a_level_cable():
     strain = float(rest.tension.mean()) / 2.0e7
     drag, weight = 0.5 * AIR * DRAG * 0.016 * 30.0**2, 8000.0 * 1.25e-4 * 9.81
     expected = math.degrees(math.atan(drag * (1.0 + strain) / weight))
-    modes = cp.condensed.vibration_modes(scene, rank=3, static_modes=True)
+    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
     condensed = cp.condensed.simulate(scene, modes, step=5e-3, times=[0.0]).position.values[0]
     for position in (rest.position.values, condensed):
         _, y, z = position[40]
@@ -145,7 +145,7 @@ def test_a_string_in_coherent_turbulence_meets_the_spectral_integral():
     stiffness, speed, duration = 4.0e5, 20.0, 3600.0
     turbulence = {"spectrum": "von_karman", "intensity": 0.02, "length_scale": 100.0, "decay": [1e-6, 1e-6], "seed": 3}
     scene = string(speed, stiffness=stiffness, duration=duration, turbulence=turbulence, links=60)
-    modes = cp.condensed.vibration_modes(scene, rank=7)
+    modes = cp.condensed.vibration_modes(scene, rank=6)
     run = cp.condensed.simulate(scene, modes, step=0.01, times=np.arange(30.0, duration, 0.1), outputs=("position",))
     found = float(run.position[:, 30, 2].std())
     stretch = 1.0 + TENSION / stiffness
@@ -206,7 +206,7 @@ def test_second_order_remains(scheme):
         {**GUY, "wind": {**WIND, "ramp": 0.5}, "motion": motion, "time": {"duration": 1.0, "interval": 0.1}}
     )
     if scheme == "condensed":
-        modes = cp.condensed.vibration_modes(scene, rank=3)
+        modes = cp.condensed.vibration_modes(scene, rank=4)
         runs = [cp.condensed.simulate(scene, modes, step=h).position.values for h in (0.01, 0.005, 0.0025)]
     else:
         steps = (5e-4, 2.5e-4, 1.25e-4) if scheme == "velocity_verlet" else (2e-3, 1e-3, 5e-4)
@@ -225,7 +225,7 @@ def test_a_given_field_stands_for_that_of_the_scene():
     assert np.abs(own.position - other.position).max() > 1e-4
     placed = field.drop_vars("relative_arc_length")  # a record with positions alone
     assert np.abs(cp.chain.simulate(scene, step=1e-3, wind=placed).position - own.position).max() < 1e-3
-    modes = cp.condensed.vibration_modes(scene, rank=2)
+    modes = cp.condensed.vibration_modes(scene, rank=4)
     runs = [
         cp.condensed.simulate(scene, modes, step=0.01, wind=wind, outputs=("position",)).position
         for wind in (None, field)
@@ -250,7 +250,7 @@ def test_a_given_field_stands_for_that_of_the_scene():
 def test_wrong_fields_are_refused(change, text):
     scene = gusty(time={"duration": 2.0, "interval": 0.1}, chain={"links": 10})
     field = change(cp.wind.field(scene))
-    modes = cp.condensed.vibration_modes(scene, rank=2)
+    modes = cp.condensed.vibration_modes(scene, rank=4)
     for call in (
         lambda: cp.chain.simulate(scene, step=1e-3, wind=field),
         lambda: cp.condensed.simulate(scene, modes, step=0.01, wind=field),
@@ -261,7 +261,7 @@ def test_wrong_fields_are_refused(change, text):
 
 def test_other_schemes_refuse_wind():
     scene = cp.make_scene({**GUY, "wind": WIND})
-    modes = cp.condensed.vibration_modes(scene, rank=2)
+    modes = cp.condensed.vibration_modes(scene, rank=4)
     for scheme in ("numerov", "trapezoidal"):
         with pytest.raises(cp.SceneError, match=r"^scheme: given"):
             cp.condensed.simulate(scene, modes, scheme=scheme)
@@ -271,7 +271,7 @@ def test_other_schemes_refuse_wind():
 def test_members_in_wind_have_the_bits_of_single_runs():
     scene = gusty(time={"duration": 1.0, "interval": 0.1}, chain={"links": 10})
     members = cp.ensemble.design(scene, {"wind.speed": [10.0, 30.0]}, members=3, seed=2)
-    modes = cp.condensed.vibration_modes(scene, rank=2)
+    modes = cp.condensed.vibration_modes(scene, rank=4)
     for call in (
         lambda scenes: cp.chain.simulate(scenes, step=1e-3, outputs=("position", "tension_extremes")),
         lambda scenes: cp.condensed.simulate(scenes, modes, step=0.01, outputs=("position", "tension_extremes")),
