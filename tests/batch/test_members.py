@@ -149,9 +149,9 @@ def test_members_of_different_kind_are_run_too(soft):
     moving = cp.make_scene(soft)
     both = xr.concat([still, moving], "member", data_vars="all", combine_attrs="override")
     modes = full_modes()
-    batch = cp.condensed.simulate(both, modes, rank=2, step=2e-3, outputs=("position",))
+    batch = cp.condensed.simulate(both, modes, rank=4, step=2e-3, outputs=("position",))
     for i, scene in enumerate((still, moving)):
-        alone = cp.condensed.simulate(scene, modes, rank=2, step=2e-3, outputs=("position",))
+        alone = cp.condensed.simulate(scene, modes, rank=4, step=2e-3, outputs=("position",))
         np.testing.assert_allclose(batch.position[i], alone.position, atol=1e-11)
 
 

@@ -93,7 +93,7 @@ def test_a_condensed_model_whose_first_member_fails(scenes_of, tmp_path):
     tension = scenes["cable_top_tension"].values.copy()
     tension[0] = 1.0
     bad = scenes.assign(cable_top_tension=("member", tension, scenes["cable_top_tension"].attrs))
-    options = {"rank": 2, "step": 2e-3, "outputs": ("position",)}
+    options = {"rank": 4, "step": 2e-3, "outputs": ("position",)}
     with pytest.warns(cp.MemberFailedWarning, match="1 of 4 members failed"):
         run = cp.ensemble.run(bad, tmp_path / "it", model="condensed", modes=modes, **options)
     rest = cp.condensed.simulate(bad.isel(member=slice(1, None)), modes, **options)

@@ -88,14 +88,14 @@ def test_cycles_are_bars_of_their_ranges():
 def test_real_gusts_are_drawn():
     guy = {
         "cable": {"strand": "EHS 1/2 in", "top_tension": 15000.0, "diameter": 0.0127},
-        "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+        "ends": {"lower": [0.0, 0.0, 0.0], "upper": [20.4, 57.7, 0.0]},
         "chain": {"links": 20},
-        "wind": {"speed": 25.0, "direction": [1.0, 0.0], "turbulence": {"spectrum": "kaimal"}},
+        "wind": {"speed": 25.0, "direction": [1.0, 0.0, 0.0], "turbulence": {"spectrum": "kaimal"}},
         "time": {"duration": 20.0, "interval": 0.1},
     }
     scene = cp.make_scene(guy)
     wind = cp.wind.field(scene)
-    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=2), outputs=("tension",))
+    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=4), outputs=("tension",))
     top = run.tension.isel(link=-1)
     assert plots.wind_field(wind).get_ylabel() == "height y [m]"
     labels = [
