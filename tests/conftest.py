@@ -19,6 +19,7 @@ from suite import (
     pytest_collection_modifyitems,
     pytest_configure,
     pytest_report_header,
+    pytest_runtest_setup,
     pytest_xdist_make_scheduler,
 )
 
@@ -32,6 +33,7 @@ __all__ = [
     "pytest_collection_modifyitems",
     "pytest_configure",
     "pytest_report_header",
+    "pytest_runtest_setup",
     "pytest_xdist_make_scheduler",
 ]
 

@@ -13,6 +13,8 @@ from typing import Any
 import psutil
 import pytest
 
+from cablepod.condensed import _stepper
+
 #: Time limit of a test marked slow [s]; that of all others is `timeout` in pyproject.toml.
 SLOW_LIMIT = 1200.0
 #: Time that processes have to end after the tests of a file [s].
@@ -22,6 +24,8 @@ FOLDERS = (
     "chain", "condensed", "cable", "galerkin", "rigid", "periodic", "wind", "mast", "paper", "pipelines", "ensemble",
     "notebooks", "properties", "batch", "plots", "archive", "cli", "study", "package", "catenary",
 )  # fmt: skip
+#: What the package has, see :func:`pytest_runtest_setup`.
+MAX_CONSTANT_SIZE = _stepper.MAX_CONSTANT_SIZE
 #: Variable of the environment by which a process is known that a test started, also when its parent has ended.
 OWNER = "CABLEPOD_TEST_PROCESS"
 #: Ends with the process of the tests: started by multiprocessing, once.
@@ -110,6 +114,16 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Leave out thousands of tests and modules where garbage is looked for: a tenth of the time that kernels compile."""
     gc.freeze()
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Compile the condensed model once for all numbers of modes, but for tests of its constants and slow ones.
+
+    For each number of modes up to :data:`MAX_CONSTANT_SIZE` the package compiles steps of its own, which are faster; this takes
+    seconds for each, minutes for all numbers that tests have.
+    """
+    constant = is_slow(item) or item.get_closest_marker("constant_sizes") is not None
+    _stepper.MAX_CONSTANT_SIZE = MAX_CONSTANT_SIZE if constant else 0
 
 
 def processes() -> list[psutil.Process]:

@@ -43,6 +43,7 @@ def test_solutions_close_the_chord_and_satisfy_the_law(green):
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # modes of another cable; the ends come near
+@pytest.mark.constant_sizes
 @pytest.mark.parametrize("case", ["everything", "one of each deflection", "downhill", "unstable"])
 def test_steps_of_a_constant_number_of_coordinates_are_those_of_any_number(soft, monkeypatch, case):
     """Loads that vary, damping, several blocks of loads, extremes; the order of the sums differs, and nothing else."""

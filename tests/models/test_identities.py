@@ -109,7 +109,13 @@ def test_every_model_and_scheme_is_here(simulate):
         )
 
 
-@pytest.mark.parametrize("case", CASES)
+#: Explicit steps of the condensed model are compiled for its number of modes, which the other tests leave out.
+BY_NUMBER = ("condensed velocity_verlet", "condensed numerov")
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.constant_sizes) if case in BY_NUMBER else case for case in CASES]
+)
 def test_the_scheme_has_its_order(case, simulate):
     order = CASES[case][2]
     runs = [simulate(case, scene_of(case), times=[0.5, 1.0, 2.0], longer=0.5**i) for i in range(4)]
