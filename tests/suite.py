@@ -21,7 +21,7 @@ SLOW_LIMIT = 1200.0
 PATIENCE = 5.0
 #: Folders in the order in which worker processes take them: first those that compile most kernels, in the end short ones.
 FOLDERS = (
-    "chain", "condensed", "cable", "galerkin", "rigid", "periodic", "wind", "mast", "paper", "pipelines", "ensemble",
+    "chain", "condensed", "cable", "galerkin", "rigid", "models", "periodic", "wind", "mast", "paper", "pipelines", "ensemble",
     "notebooks", "properties", "batch", "plots", "archive", "cli", "study", "package", "catenary",
 )  # fmt: skip
 #: What the package has, see :func:`pytest_runtest_setup`.

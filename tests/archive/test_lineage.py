@@ -10,8 +10,7 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod import provenance
-from cablepod.archive import _lineage as lineage
+from cablepod import lineage, provenance
 from cablepod.archive import _repeated as repeated
 
 

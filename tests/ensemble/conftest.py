@@ -6,6 +6,7 @@ import pytest
 from scenes import ENSEMBLE_RANGES, ENSEMBLE_STEP, SOFT
 
 import cablepod as cp
+from cablepod import cli
 
 
 @pytest.fixture
@@ -23,3 +24,15 @@ def finished(tmp_path_factory):
     scenes = cp.ensemble.design(cp.make_scene(SOFT), ENSEMBLE_RANGES, members=10)
     cp.ensemble.run(scenes, folder, batch=4, step=ENSEMBLE_STEP)
     return folder
+
+
+@pytest.fixture
+def described(capsys):
+    """What the command tells of a folder."""
+
+    def describe(folder):
+        capsys.readouterr()
+        assert cli.main(["info", str(folder)]) == 0
+        return capsys.readouterr().out
+
+    return describe

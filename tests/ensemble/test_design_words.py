@@ -13,7 +13,6 @@ from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
 from cablepod import lineage
-from cablepod.archive._manifest import describe_ensemble
 from cablepod.cli import _map, _summary
 
 SPECTRUM, DECAY = "wind.turbulence.spectrum", "wind.turbulence.decay"
@@ -149,7 +148,7 @@ def words(tmp_path_factory):
     return scenes, folder, cp.ensemble.run(scenes, folder, batch=3, **STEP).compute()
 
 
-def test_results_have_the_words_of_their_members(words):
+def test_results_have_the_words_of_their_members(words, described):
     scenes, folder, whole = words
     np.testing.assert_array_equal(whole["wind_turbulence_spectrum"], scenes["wind_turbulence_spectrum"])
     np.testing.assert_array_equal(whole["wind_turbulence_decay"], scenes["wind_turbulence_decay"])
@@ -161,7 +160,7 @@ def test_results_have_the_words_of_their_members(words):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["varied"]["wind_turbulence_spectrum"] == {"choices": ["kaimal", "davenport"]}
     assert manifest["varied"]["wind_turbulence_decay"] == {"choices": [[10.0, 16.0], [8.0, 12.0]]}
-    text = describe_ensemble(folder)
+    text = described(folder)
     assert "  wind_turbulence_spectrum: kaimal, davenport\n" in text
     assert "wind_speed 20 m s-1, wind_turbulence_spectrum " in text
 

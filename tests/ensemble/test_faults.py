@@ -16,7 +16,6 @@ from children import call, finish, python, run_python, without_progress
 from scenes import SOFT_TOML
 
 import cablepod as cp
-from cablepod.archive._manifest import describe_ensemble
 
 #: Short enough to be many, so that there is time to interrupt: a member takes some hundredths of a second.
 STEP = 4e-6
@@ -264,7 +263,7 @@ def test_files_of_somebody_else_are_left_alone(soft, tmp_path):
             cp.ensemble.run(scenes, path, step=1e-3)
 
 
-def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_path):
+def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_path, described):
     scenes, folder = scenes_of(soft, 6), tmp_path / "it"
     whole = cp.ensemble.run(scenes, folder, batch=2, step=1e-3).compute()
     content = (folder / "batch_0001.nc").read_bytes()
@@ -285,7 +284,7 @@ def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_pat
     xr.testing.assert_equal(again.compute(), whole)
     # what is gone is just missing
     (folder / "batch_0002.nc").unlink()
-    assert "missing   batch_0002.nc" in describe_ensemble(folder)
+    assert "missing   batch_0002.nc" in described(folder)
     xr.testing.assert_equal(cp.ensemble.run(scenes, folder, batch=2, step=1e-3).compute(), whole)
     # and a manifest that is gone before a batch was there is written again
     for path in [*folder.glob("batch*"), folder / "manifest.json"]:

@@ -15,7 +15,7 @@ import cablepod as cp
 from cablepod import cli
 from cablepod.archive import _open_ensemble as open_module
 from cablepod.archive import _read as read
-from cablepod.archive._manifest import describe_ensemble, manifest_text, read_manifest
+from cablepod.archive._manifest import manifest_text, read_manifest
 
 
 def test_it_opens_lazily_with_parameters_to_choose_by(finished):
@@ -114,7 +114,7 @@ def test_faults_of_manifests_are_named(finished, tmp_path):
         cp.archive.open_ensemble(folder)
 
 
-def test_an_unfinished_ensemble_opens_only_on_demand(finished, tmp_path):
+def test_an_unfinished_ensemble_opens_only_on_demand(finished, tmp_path, described):
     folder = tmp_path / "it"
     shutil.copytree(finished, folder)
     manifest = read_manifest(folder)
@@ -128,7 +128,7 @@ def test_an_unfinished_ensemble_opens_only_on_demand(finished, tmp_path):
     part, whole = cp.archive.open_ensemble(folder, incomplete=True), cp.archive.open_ensemble(finished)
     assert part["member"].values.tolist() == [0, 1, 2, 3, 8, 9]
     xr.testing.assert_equal(part.compute(), whole.isel(member=[0, 1, 2, 3, 8, 9]).compute())
-    assert "done      6; the same command or call goes on" in describe_ensemble(folder)
+    assert "done      6; the same command or call goes on" in described(folder)
 
 
 def test_ten_thousand_members_open_by_the_manifest_and_heads_alone(finished, tmp_path, monkeypatch):

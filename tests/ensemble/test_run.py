@@ -12,7 +12,7 @@ from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
 from cablepod import provenance
-from cablepod.archive._manifest import describe_ensemble, time_errors
+from cablepod.archive._manifest import time_errors
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -58,7 +58,7 @@ def test_reduced_models_run_too(soft, tmp_path, scenes_of):
         cp.ensemble.run(scenes, tmp_path / "it", model="condensed", modes=other, batch=5, **options)
 
 
-def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path):
+def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path, described):
     scenes = scenes_of(9)
     tension = scenes["cable_top_tension"].values.copy()
     tension[[0, 1, 2, 4]] = 1.0  # no cable of this weight hangs with 1 N; one batch fails as a whole
@@ -72,8 +72,8 @@ def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path):
     assert np.isnan(run["position"][[0, 1, 2, 4]]).all()
     assert np.isnan(run["step"][[0, 1, 2, 4]]).all()
     np.testing.assert_array_equal(run["position"][good], cp.chain.simulate(scenes, step=ENSEMBLE_STEP).position[good])
-    assert "failed    4" in describe_ensemble(tmp_path / "it")
-    assert "cable.top_tension: given 1.0" in describe_ensemble(tmp_path / "it")
+    assert "failed    4" in described(tmp_path / "it")
+    assert "cable.top_tension: given 1.0" in described(tmp_path / "it")
     stage = [item["function"] for item in json.loads(run.attrs["history_json"])]
     assert stage == ["make_scene", "ensemble.design", "changed outside the package", "ensemble.run"]
 
@@ -142,7 +142,7 @@ def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
     assert number_of(RuntimeWarning, caught) == 1
 
 
-def test_members_that_have_not_converged_are_counted_and_the_worst_named(scenes_of, tmp_path, monkeypatch):
+def test_members_that_have_not_converged_are_counted_and_the_worst_named(scenes_of, tmp_path, monkeypatch, described):
     of_motion = np.array([1.02e-4, 5e-5, 0.4, 1e-5, 2e-5, 9e-5, 3e-5, 0.0, 0.0, 0.0])
     of_tension = np.array([0.034, 5e-5, 0.2, 1e-5, 1e-5, 0.9, 3e-5, 0.0, 0.0, 0.0])
 
@@ -171,7 +171,7 @@ def test_members_that_have_not_converged_are_counted_and_the_worst_named(scenes_
         list(cp.ensemble.batches(scenes_of(), batch=4))
     assert number_of(cp.NotConvergedWarning, caught) == 1
     assert run.attrs["accepted_time_error"] == 1e-4
-    lines = describe_ensemble(tmp_path / "it").splitlines()
+    lines = described(tmp_path / "it").splitlines()
     place = lines.index("not converged  3, with an estimated time error above 0.0001")
     assert [line.partition(":")[0] for line in lines[place + 1 : place + 4]] == [
         "  member 5",

@@ -14,8 +14,7 @@ import xarray as xr
 from mast_scenes import WIND, small
 
 import cablepod as cp
-from cablepod import cli
-from cablepod.archive import _lineage
+from cablepod import cli, lineage
 from cablepod.cli._design import text
 from cablepod.study import _design
 from cablepod.study._design_numbers import CABLE, joined
@@ -321,7 +320,7 @@ def test_a_damage_by_stress_needs_areas():
 
 def test_a_lineage_script_makes_the_table_again(tmp_path, table):
     cp.archive.write(table, tmp_path / "table.nc")
-    script = _lineage.script(cp.archive.read(tmp_path / "table.nc"))
+    script = lineage.script(cp.archive.read(tmp_path / "table.nc"))
     assert "cannot be made again" not in script
     assert "cp.study.design(" in script
 

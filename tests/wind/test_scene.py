@@ -119,25 +119,22 @@ def test_ice_grows_after_tensioning():
     bare, iced = cp.make_scene(GUY), cp.make_scene({**GUY, "ice": {"thickness": thickness, "density": density}})
     added = density * np.pi * thickness * (diameter + thickness)  # kg/m
     same = cp.catenary.rest(bare)
-    with_weight = cp.make_scene(
-        {
-            **GUY,
-            "cable": {
-                **{name: value for name, value in GUY["cable"].items() if name != "top_tension"},
-                "density": 8000.0 + added / 1.25e-4,
-                "unstretched_length": float(same.unstretched_length),
-            },
-        }
-    )
+    cable = {name: value for name, value in GUY["cable"].items() if name != "top_tension"}
+    cable |= {"density": 8000.0 + added / 1.25e-4, "unstretched_length": float(same.unstretched_length)}
+    with_weight = cp.make_scene({**GUY, "cable": cable})
     found, expected = cp.catenary.rest(iced), cp.catenary.rest(with_weight)
     assert float(found.unstretched_length) == pytest.approx(float(same.unstretched_length), rel=1e-14)
     assert found.tension.values == pytest.approx(expected.tension.values, rel=1e-9)
     assert float(found.tension[-1]) > 1.04 * 15000.0
     run, other = (cp.chain.simulate(scene, step=5e-4, times=[0.0, 0.1]) for scene in (iced, with_weight))
     assert run.position.values == pytest.approx(other.position.values, abs=1e-9)
-    from cablepod.parameters._from_scene import parameters
-
-    assert parameters(iced).diameter == pytest.approx(diameter + 2 * thickness)
+    # the wind blows at a cable as thick as this one with its ice
+    ice, thick = {"thickness": thickness, "density": density}, {**cable, "diameter": diameter + 2 * thickness}
+    blown, other = (
+        cp.chain.rest(cp.make_scene({**GUY, **tables, "wind": WIND})) for tables in ({"ice": ice}, {"cable": thick})
+    )
+    np.testing.assert_allclose(blown.position, other.position, rtol=0, atol=1e-9)
+    assert float(np.abs(blown.position - run.position[0]).max()) > 0.1
     no_ice = cp.make_scene({**GUY, "ice": {"thickness": 0.0}})
     assert np.array_equal(cp.catenary.rest(no_ice).tension, same.tension)
 
