@@ -99,9 +99,16 @@ def test_wide_tables_scroll_and_print(page):
     assert re.search(r"pre \{[^}]*white-space: pre-wrap", print_)
 
 
-def test_a_study_has_all_parts(page):
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory):
+    """A study, and its page."""
     study = cp.study.run(cp.make_scene(SOFT), ranks=(1,))
-    found = page(study)
+    path = cp.plots.report(study, tmp_path_factory.mktemp("study") / "page.html")
+    return study, path.read_text(encoding="utf-8")
+
+
+def test_a_study_has_all_parts(studied):
+    study, found = studied[0], Reader(studied[1])
     headings = [attrs["id"] for tag, attrs in found.elements if tag == "section"]
     assert headings == ["warnings", "figures", "input", "numbers", "trust", "provenance"]
     assert {attrs["href"] for tag, attrs in found.elements if tag == "a"} == {f"#{name}" for name in headings}
@@ -330,9 +337,8 @@ def test_results_tell_what_is_doubtful():
 # --- safe and self-contained --------------------------------------------------------------------------------------------------
 
 
-def test_nothing_outside_the_page_is_needed(tmp_path):
-    path = cp.plots.report(cp.study.run(cp.make_scene(SOFT), ranks=(1,)), tmp_path / "page.html")
-    content = path.read_text(encoding="utf-8")
+def test_nothing_outside_the_page_is_needed(studied):
+    content = studied[1]
     found = Reader(content)
     assert {tag for tag, _ in found.elements} & {"script", "link", "iframe", "object", "base", "form"} == set()
     for tag, attrs in found.elements:
