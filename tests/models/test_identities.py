@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from scenes import EVERYTHING, RIGID_CABLE, SOFT, everything, full_modes, spatial
+from scenes import RIGID_CABLE, SOFT, everything, full_modes, spatial
+from suite import with_slow
 
 import cablepod as cp
 from cablepod._models import MODELS
@@ -18,12 +19,12 @@ from cablepod._models import MODELS
 #: Ways to run a model: options, step [s], order of the scheme.
 CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "chain velocity_verlet": ({}, 1e-3, 2.0),
-    "chain velocity_verlet green": ({"law": "green"}, 2.5e-4, 2.0),
+    "chain velocity_verlet green": ({"law": "green"}, 1.25e-4, 2.0),
     "chain trapezoidal": ({}, 2e-3, 2.0),
     "chain generalized_alpha": ({}, 2e-3, 2.0),
     "chain energy_momentum": ({}, 2e-3, 2.0),
     "cable velocity_verlet": ({"elements": 3, "law": "linear", "order": 3}, 5e-4, 2.0),
-    "cable trapezoidal": ({"elements": 3, "law": "linear", "order": 3}, 2e-3, 2.0),
+    "cable trapezoidal": ({"elements": 3, "law": "linear", "order": 3}, 1e-3, 2.0),
     "rigid rattle": ({}, 2e-3, 2.0),
     "rigid index1": ({}, 5e-3, 4.0),
     "galerkin velocity_verlet": ({}, 2.5e-4, 2.0),
@@ -38,7 +39,6 @@ CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "condensed trapezoidal inertial": ({"order": "inertial"}, 1e-3, 2.0),
 }
 MODES = {"galerkin": "separate", "condensed": "normal"}
-OUTPUTS = ("position", "tension_extremes")
 #: Of these a planar and a spatial run give the same bits.
 BIT_FOR_BIT = ("chain velocity_verlet", "cable", "rigid")
 # the modes are of another cable, and few
@@ -46,12 +46,21 @@ pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 
 
 def scene_of(case: str, dims: int = 2) -> dict[str, Any]:
-    """The mapping of a soft scene with every term that the model knows, in the plane or turned out of it."""
+    """The mapping of a soft scene with the terms that the reduced models know, in the plane or in space.
+
+    Explicit chains are compiled for each combination: without damping in space and by law (21), as other tests have them.
+    """
     mapping = everything(copy.deepcopy(SOFT), 2)
     if case.startswith("rigid"):
         mapping["cable"] = RIGID_CABLE
-    if case.startswith(("chain", "cable")) and "green" not in case:
-        mapping["damping"] = {**EVERYTHING["damping"], "link_viscosity": 1e-3}
+    if case.startswith(
+        ("chain", "cable")
+    ):  # whose links a jump of the velocity would make ring, faster than steps resolve
+        for motions in mapping["motion"].values():
+            for axis, motion in motions.items():
+                motions[axis] = {**motion, "ramp": 0.5}
+    if "green" in case or (case.startswith("chain velocity_verlet") and dims == 3):
+        del mapping["damping"]
     return mapping if dims == 2 else spatial(mapping)
 
 
@@ -74,7 +83,7 @@ def modes():
     """Modes of both layouts, in the plane and in space."""
     found = {}
     for dims in (2, 3):
-        run = cp.chain.simulate(cp.make_scene(scene_of("galerkin", dims)), step=1e-3, outputs=OUTPUTS)
+        run = cp.chain.simulate(cp.make_scene(scene_of("galerkin", dims)), scheme="trapezoidal", step=5e-3)
         found["galerkin", dims] = cp.pod.decompose(run)
         found["condensed", dims] = full_modes(dims=dims).assign(mode_shape=full_modes().mode_shape)
     return found
@@ -91,7 +100,8 @@ def simulate(modes):
         given = [modes[model, scene.sizes["coordinate"]]] if model in MODES else []
         own = own | {"formulation" if model == "rigid" else "scheme": scheme}
         own |= {"rank": 3} if given else {}
-        return MODELS[model].simulate(scene, *given, **own | {"step": longer * step, "outputs": OUTPUTS} | options)
+        outputs = ("position", "tension_extremes") if "green" in case else ("position",)
+        return MODELS[model].simulate(scene, *given, **own | {"step": longer * step, "outputs": outputs} | options)
 
     return run
 
@@ -133,20 +143,22 @@ def test_what_rests_stays_at_rest(case, simulate):
     assert float(np.abs(run.position - run.position[0]).max()) < 1e-11
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", with_slow(CASES, "chain velocity_verlet green", "rigid rattle", "rigid index1"))
 def test_a_plane_in_space_is_a_plane(case, simulate):
-    times = [0.0, 0.2, 0.5001]
-    flat, deep = (simulate(case, scene_of(case, dims), times=times) for dims in (2, 3))
+    times, wide = [0.0, 0.2, 0.5001], scene_of(case, 3)
+    narrow = scene_of(case)
+    if "damping" not in wide:
+        narrow.pop("damping", None)
+    flat, deep = (simulate(case, scene, times=times) for scene in (narrow, wide))
     # blocks of two and three unknowns are eliminated in another order, and so are sums over modes
     rounding = 0.0 if case.startswith(BIT_FOR_BIT) else 1e-10
     np.testing.assert_allclose(deep.position[..., :2], flat.position, rtol=0, atol=rounding)
-    np.testing.assert_allclose(deep.tension_maximum, flat.tension_maximum, rtol=10.0 * rounding)
     np.testing.assert_allclose(deep.position[..., 2], 0.0, atol=1e-3 * rounding)
     if case.startswith("galerkin"):  # whose modes of single coordinates do not turn
         return
     cosine, sine = 0.6, 0.8
     turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
-    other = simulate(case, turned(scene_of(case, 3), turn), times=times)
+    other = simulate(case, turned(wide, turn), times=times)
     # rounding of the turned ends, 1e-15, and of their motion, grown over some hundred steps
     np.testing.assert_allclose(other.position, deep.position.values @ turn.T, rtol=0, atol=1e-10)
 
@@ -160,7 +172,6 @@ def test_an_instant_depends_on_no_other_and_inputs_stay(case, simulate, modes):
     # positions of the condensed model follow from its amplitudes, at all instants together in the order "exact"
     state = "amplitude" if "condensed" in case else "position"
     np.testing.assert_array_equal(few[state], every[state][[round(0.5 / step), -1]])
-    np.testing.assert_allclose(few.tension_maximum, every.tension_maximum, rtol=1e-9)
     start = simulate(case, scene, times=[0.0])
     np.testing.assert_array_equal(start[state][0], every[state][0])
     assert start.attrs["number_of_steps"] == 0
