@@ -24,7 +24,7 @@ CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "chain generalized_alpha": ({}, 2e-3, 2.0),
     "chain energy_momentum": ({}, 2e-3, 2.0),
     "cable velocity_verlet": ({"elements": 3, "law": "linear", "order": 3}, 5e-4, 2.0),
-    "cable trapezoidal": ({"elements": 3, "law": "linear", "order": 3}, 1e-3, 2.0),
+    "cable trapezoidal": ({"elements": 3, "law": "linear", "order": 3}, 5e-4, 2.0),
     "rigid rattle": ({}, 2e-3, 2.0),
     "rigid index1": ({}, 5e-3, 4.0),
     "galerkin velocity_verlet": ({}, 2.5e-4, 2.0),
