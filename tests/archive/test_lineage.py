@@ -11,7 +11,6 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod import lineage, provenance
-from cablepod.archive import _repeated as repeated
 
 
 def again(dataset):
@@ -56,6 +55,12 @@ def test_snapshots_picked_are_made_again(soft):
         cp.pod.at_times(run, times=[0.1, 0.25])
 
 
+def test_modes_of_several_runs_are_made_again(soft):
+    runs = [cp.chain.simulate(cp.make_scene({**soft, "gravity": gravity}), step=1e-3) for gravity in (9.81, 9.0)]
+    modes = cp.pod.decompose(runs, rank=2)
+    xr.testing.assert_identical(again(modes), modes)
+
+
 @pytest.mark.parametrize("make", [cp.chain.rest, cp.rigid.rest, cp.cable.rest, cp.catenary.rest])
 def test_rest_is_made_again(soft, make):
     result = make(cp.make_scene(soft))
@@ -92,9 +97,9 @@ def test_a_scene_with_a_variable_whose_name_is_no_text_is_made_again(soft):
 def test_another_result_is_noticed(soft):
     scene, modes = reduced(soft, step=1e-3)
     with pytest.raises(cp.SceneError, match=r"make_scene: given .* variables .*; allowed: the values of [0-9a-f]{20}"):
-        repeated.check(scene, modes.attrs["id"], values=provenance.content_of(modes)["variables"])
+        lineage.check(scene, modes.attrs["id"], values=provenance.content_of(modes)["variables"])
     with pytest.raises(cp.SceneError, match=r"make_scene: given .* the id is [0-9a-f]{20}"):
-        repeated.check(scene, modes.attrs["id"], values={})
+        lineage.check(scene, modes.attrs["id"], values={})
     modes.attrs["history_json"] = modes.attrs["history_json"].replace('"step": 0.001', '"step": 0.002')
     with pytest.raises(cp.SceneError, match=r"chain\.simulate: given .* position differs by .* of the largest"):
         again(modes)

@@ -10,7 +10,6 @@ import pytest
 
 import cablepod as cp
 from cablepod import cli, examples, lineage, provenance
-from cablepod.archive import _repeated as repeated
 from cablepod.integrate import _request as request
 
 
@@ -110,7 +109,7 @@ def test_variables_left_out_are_left_out_again(soft):
 def test_another_id_with_the_same_values_is_said(soft):
     scene = cp.make_scene(soft)
     with pytest.warns(lineage.RepeatedWarning, match="has the id [0-9a-f]{20} in place of an id, with the same values"):
-        repeated.check(scene, "an id", values=provenance.content_of(scene)["variables"])
+        lineage.check(scene, "an id", values=provenance.content_of(scene)["variables"])
 
 
 def test_noise_is_compared_with_what_it_is_the_noise_of(soft):
@@ -119,6 +118,6 @@ def test_noise_is_compared_with_what_it_is_the_noise_of(soft):
     values = provenance.content_of(rest)["variables"]
     other = rest.assign(residual=rest.residual.copy(data=3.0 * float(rest.residual) + 1e-12))
     with pytest.warns(lineage.RepeatedWarning, match="within rounding, in residual"):
-        repeated.check(other, rest.attrs["id"], values=values)
+        lineage.check(other, rest.attrs["id"], values=values)
     with pytest.raises(cp.SceneError, match="residual differs"):
-        repeated.check(other.assign(residual=rest.residual.copy(data=1e-3)), rest.attrs["id"], values=values)
+        lineage.check(other.assign(residual=rest.residual.copy(data=1e-3)), rest.attrs["id"], values=values)

@@ -14,7 +14,7 @@ from scenes import SOFT
 import cablepod as cp
 from cablepod import provenance
 from cablepod.archive import describe
-from cablepod.archive._lineage import script
+from cablepod.lineage import script
 
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 SIGMA = np.linspace(0.0, 1.0, 11)

@@ -13,7 +13,6 @@ from spectra import STEEP, sines, trajectory, turning
 
 import cablepod as cp
 from cablepod import provenance
-from cablepod.archive import _lineage as lineage
 from cablepod.batch._blas import one_blas_thread
 from cablepod.pod import _blocks as pod_blocks
 from cablepod.pod import _stream as pod_stream
@@ -122,11 +121,6 @@ def test_trajectories_of_any_lengths_in_one_decomposition():
     np.testing.assert_allclose(found.singular_value, whole.singular_value, rtol=1e-9)
     np.testing.assert_allclose(found.mode_shape, whole.mode_shape, atol=1e-8)
     assert [f"part {number}" in found.attrs["history_json"] for number in range(3)] == [True] * 3
-    stage = {"id": "it", "function": "pod.decompose", "inputs": ["a", "b"], "parameters": {"rank": 8}}
-    assert (
-        lineage._statements(stage, {"it": "modes", "a": "one", "b": "two"})[0]
-        == "modes = cp.pod.decompose([one, two], rank=8)"
-    )
 
 
 def test_what_does_not_fit_is_refused_before_it_is_read():
