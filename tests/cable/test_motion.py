@@ -7,7 +7,6 @@ import itertools
 
 import numpy as np
 import pytest
-import xarray as xr
 from references.elements import Elements
 from scenes import scene_with, spatial
 from suite import slow
@@ -188,24 +187,6 @@ def test_planar_is_spatial_bit_for_bit(law, term, scheme, step, smooth):
         assert np.array_equal(flat[name].values, values), name
 
 
-@pytest.mark.parametrize("scheme", ["velocity_verlet", slow("trapezoidal")])
-def test_turned_in_space(scheme, smooth):
-    # about the vertical: nothing but the coordinates changes
-    turn = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]])
-    mapping = spatial(smooth)
-    moved = copy.deepcopy(mapping)
-    moved["ends"] = {end: (turn @ place).tolist() for end, place in mapping["ends"].items()}
-    x = mapping["motion"]["upper"]["x"]["coefficients"]
-    moved["motion"]["upper"] = {
-        axis: {"kind": "polynomial", "coefficients": [c * factor for c in x]}
-        for axis, factor in (("x", 0.6), ("z", 0.8))
-    }
-    options = {"elements": 4, "scheme": scheme, "step": 2e-4 if scheme == "velocity_verlet" else 1e-2}
-    one, other = (cp.cable.simulate(scene_with(m), **options).position.values for m in (mapping, moved))
-    assert np.abs(one @ turn.T - other).max() < 1e-9  # rounding over 7500 steps
-    assert np.abs(other[-1, :, 2] - other[0, :, 2]).max() > 0.1
-
-
 @pytest.mark.parametrize("law", ["green", "linear"])
 @pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
 def test_what_rests_stays_at_rest(law, scheme, soft):
@@ -261,15 +242,6 @@ def test_results_at_nodes_and_elsewhere_are_one_curve(smooth):
     assert dict(nodes.position.sizes) == {"time": 7, "particle": 16, "coordinate": 2}
     assert nodes.sizes["link"] == 15
     assert nodes.attrs["element_order"] == 5
-
-
-def test_members(soft):
-    scenes = [scene_with(soft, cable={**soft["cable"], "top_tension": tension}) for tension in (150.0, 300.0)]
-    both = xr.concat(scenes, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
-    run = cp.cable.simulate(both, outputs=("position",))
-    assert run.sizes["member"] == 2
-    for i, scene in enumerate(scenes):
-        assert np.array_equal(run.position.values[i], cp.cable.simulate(scene, outputs=("position",)).position.values)
 
 
 # --- compression ------------------------------------------------------------------------------------------------------

@@ -219,12 +219,6 @@ def test_a_start_that_the_scene_says_is_at_rest_by_the_law(soft):
 # --- order, energy and identities -------------------------------------------------------------------------------------
 
 
-def test_equilibrium_stays_at_rest(soft):
-    run = green({**soft, "motion": {}, "point_load": [{"arc_length": 0.4, "force": [0.0, -20.0]}]})
-    # rounding of the rest, 1e-15 of 10 m, set swinging
-    assert float(np.abs(run.position - run.position[0]).max()) < 1e-12
-
-
 @pytest.mark.parametrize("name", with_slow(TERMS, "mass damping"))
 def test_second_order_in_the_step_with_every_term(soft, name):
     scene = cp.make_scene({**soft, **TERMS[name]})
@@ -255,19 +249,6 @@ def test_energy_is_kept(soft):
     assert spread[1000][1] < 0.02
     assert spread[1000][1] < 1.5 * spread[1000][0]
     assert spread[500][0] / spread[1000][0] == pytest.approx(4.0, rel=0.15)
-
-
-@pytest.mark.slow  # loops in space; by the linear law test_motion has the same
-@pytest.mark.parametrize("name", TERMS)
-def test_planar_and_spatial_agree_bit_for_bit(soft, name):
-    mapping = {**soft, **copy.deepcopy(TERMS[name])}
-    outputs = ("position", "velocity", "tension", "tension_extremes")
-    flat, deep = green(mapping, outputs=outputs), green(spatial(mapping), outputs=outputs)
-    np.testing.assert_array_equal(deep.position[..., :2], flat.position)
-    np.testing.assert_array_equal(deep.velocity[..., :2], flat.velocity)
-    for name in ("tension", "tension_minimum", "tension_maximum"):
-        np.testing.assert_array_equal(deep[name], flat[name])
-    assert not deep.position[..., 2].any()
 
 
 @pytest.mark.parametrize("name", ["linear", "green"])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 
 import numpy as np
 import pytest
 import xarray as xr
 from scenes import TERMS as SHARED
-from scenes import scene_with, spatial, uniform_chain
-from suite import with_slow
+from scenes import scene_with, uniform_chain
 
 import cablepod as cp
 
@@ -19,8 +17,6 @@ TERMS = {
     "link viscosity": {"damping": {"link_viscosity": 0.002}},
     "initial shape": {"initial": {"top_tension": 260.0}},
 }
-#: Terms for which loops of their own are compiled; quick in the test of the order alone.
-COMPILED = ("uniform load", "mass damping", "link viscosity")
 
 
 def positions(scene, **options):
@@ -132,37 +128,6 @@ def test_second_order_in_the_number_of_links(soft):
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize("name", with_slow(TERMS, *COMPILED))
-def test_planar_and_spatial_agree_bit_for_bit(soft, name):
-    mapping = {**soft, **copy.deepcopy(TERMS[name])}
-    outputs = ("position", "velocity", "tension", "tension_extremes")
-    flat = cp.chain.simulate(cp.make_scene(mapping), outputs=outputs, step=1e-3)
-    deep = cp.chain.simulate(cp.make_scene(spatial(mapping)), outputs=outputs, step=1e-3)
-    np.testing.assert_array_equal(deep.position[..., :2], flat.position)
-    np.testing.assert_array_equal(deep.velocity[..., :2], flat.velocity)
-    for name in ("tension", "tension_minimum", "tension_maximum"):
-        np.testing.assert_array_equal(deep[name], flat[name])
-    assert not deep.position[..., 2].any()
-
-
-def test_a_turned_scene_moves_likewise(soft):
-    # spatial scenes have no preferred horizontal axis: turn about y by 40 degrees
-    c, s = np.cos(np.radians(40)), np.sin(np.radians(40))
-    mapping = spatial(soft)
-    turned = copy.deepcopy(mapping)
-    turned["ends"]["upper"] = [8.0 * c, 6.0, -8.0 * s]
-    motion = soft["motion"]["upper"]["x"]
-    turned["motion"]["upper"] = {
-        "x": {**motion, "amplitude": motion["amplitude"] * c},
-        "z": {**motion, "amplitude": -motion["amplitude"] * s},
-    }
-    a = positions(cp.make_scene(mapping), step=1e-3)
-    b = positions(cp.make_scene(turned), step=1e-3)
-    expected = np.stack([a[..., 0] * c, a[..., 1], -a[..., 0] * s], axis=-1)
-    # rounding of the turned ends, 1e-15, and of their motion, grown over 4000 steps
-    np.testing.assert_allclose(b, expected, rtol=0, atol=1e-11)
-
-
 @pytest.mark.slow
 def test_saving_more_often_changes_no_bit(soft):
     scene = scene_with(soft, damping={"mass_proportional": 0.3, "link_viscosity": 0.001})
@@ -184,13 +149,6 @@ def test_between_steps_the_output_has_the_order_of_the_scheme(soft):
         errors.append([float(np.abs(run[name] - exact[name]).max()) for name in ("position", "velocity")])
     order = np.log2(np.divide(errors[:-1], errors[1:]))
     np.testing.assert_allclose(order, 2.0, atol=0.15)
-
-
-def test_equilibrium_stays_at_rest(soft):
-    scene = scene_with(soft, motion={}, point_load=[{"arc_length": 0.4, "force": [0.0, -20.0]}])
-    run = cp.chain.simulate(scene)
-    # rounding of the rest, 1e-15 of 10 m times k/k, set swinging
-    assert float(np.abs(run.position - run.position[0]).max()) < 1e-12
 
 
 def test_energy_is_kept_and_time_can_be_turned_back(soft):
@@ -241,29 +199,6 @@ def test_viscous_links_damp_only_the_axial_motion(soft):
     moved = (run.position[:, n // 2, 0].values - span / 2) / (1e-6 * span)
     # the strain of 1e-6 against a prestrain of 1e-2 makes no link slack; the step is second order, (omega h)^2 ~ 4e-7
     np.testing.assert_allclose(moved, exact, atol=2e-5)
-
-
-def test_extremes_are_taken_over_all_steps(soft):
-    scene = scene_with(soft)
-    run = cp.chain.simulate(scene, times=np.arange(0, 4001) / 1000, step=1e-3, outputs=("tension", "tension_extremes"))
-    np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-11)
-    np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-11)
-    few = cp.chain.simulate(scene, times=[4.0], step=1e-3, outputs=("tension_extremes",))
-    np.testing.assert_array_equal(few.tension_maximum, run.tension_maximum)
-    assert "position" not in few
-
-
-def test_members_run_as_if_alone(soft):
-    maps = [soft, {**soft, "cable": {**soft["cable"], "top_tension": 240.0}}]
-    scenes = [cp.make_scene(m) for m in maps]
-    both = xr.concat(scenes, "member", combine_attrs="override")
-    before = both.copy(deep=True)
-    run = cp.chain.simulate(both, step=1e-3)
-    xr.testing.assert_identical(both, before)
-    assert run.position.dims == ("member", "time", "particle", "coordinate")
-    assert run.cable_top_tension.dims == ("member",)
-    for i, scene in enumerate(scenes):
-        np.testing.assert_array_equal(run.position[i], cp.chain.simulate(scene, step=1e-3).position)
 
 
 def test_no_call_changes_its_input(soft):

@@ -135,18 +135,6 @@ def test_amplitudes_reconstruct_the_deflection_and_inputs_are_unchanged(soft, mo
     assert all({"units", "long_name"} <= set(v.attrs) for v in run.variables.values())
 
 
-@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
-def test_members_equal_single_runs(soft, modes):
-    scenes = [cp.make_scene({**soft, "cable": {**soft["cable"], "top_tension": t}}) for t in (200.0, 230.0)]
-    joined = cp.condensed.simulate(xr.concat(scenes, "member", data_vars="all"), modes[2], rank=2, step=2e-3)
-    for i, scene in enumerate(scenes):
-        single = cp.condensed.simulate(scene, modes[2], rank=2, step=2e-3)
-        # rescaled coefficients differ by about ten rounding errors
-        for name in ("amplitude", "position"):
-            np.testing.assert_allclose(joined[name].isel(member=i), single[name], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(joined.cable_top_tension, [200.0, 230.0])
-
-
 def test_results_share_no_mutable_coordinates(soft, modes):
     # the indexes of coordinates, modes and ends are cached
     scene = cp.make_scene(soft)

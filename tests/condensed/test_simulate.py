@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from public_calls import datasets
 from references.condensed_ode import Reference
-from scenes import LENGTHS, circling, everything, full_modes, spatial
+from scenes import LENGTHS, circling, everything, full_modes
 
 import cablepod as cp
 from cablepod import examples as shipped
@@ -170,18 +170,6 @@ def test_explicit_and_implicit_steps_agree(soft, modes, order):
     np.testing.assert_allclose(a.tension, b.tension, rtol=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
-@pytest.mark.parametrize(("order", "scheme"), [pair for pair in PAIRS if pair[0] != "inertial"])
-def test_output_times_do_not_change_the_motion(soft, modes, order, scheme):
-    scene = cp.make_scene(everything(soft))
-    options = {"order": order, "scheme": scheme, "step": 1 / 1000, "rank": 2}
-    every = cp.condensed.simulate(scene, modes[2], times=np.arange(2001) / 1000, **options)
-    few = cp.condensed.simulate(scene, modes[2], times=[0.5, 2.0], **options)
-    np.testing.assert_array_equal(few.amplitude, every.amplitude[[500, 2000]])
-    start = cp.condensed.simulate(scene, modes[2], times=[0.0], **options)
-    np.testing.assert_array_equal(start.amplitude, every.amplitude[:1])
-
-
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")
 @pytest.mark.parametrize("options", [{}, {"tolerance": 1e-3}, {"tolerance": 1e-4, "scheme": "trapezoidal"}], ids=str)
 def test_runs_are_compared_between_the_output_times_too(soft, modes, options):
@@ -285,33 +273,6 @@ def test_a_mirrored_scene_has_the_mirrored_motion(soft, modes, order):
     )
     np.testing.assert_allclose(b.position * [-1, 1], a.position, atol=1e-11)
     np.testing.assert_allclose(b.amplitude, -a.amplitude, atol=1e-11)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_planar_scenes_in_space_and_in_a_rotated_plane(soft, modes, order):
-    mapping = everything(soft)
-    options = {"order": order, "step": 1 / 1000, "times": [0.7, 2.0], "outputs": ("position", "velocity", "tension")}
-    flat = cp.condensed.simulate(cp.make_scene(mapping), modes[2], **options)
-    both = modes[3].copy(deep=True)
-    both["mode_shape"] = modes[2].mode_shape
-    wide = cp.condensed.simulate(cp.make_scene(spatial(mapping)), both, **options)
-    np.testing.assert_allclose(wide.position[..., :2], flat.position, atol=1e-12)
-    np.testing.assert_allclose(wide.amplitude_out_of_plane, 0.0, atol=1e-13)
-    turned = spatial(mapping)
-    cosine, sine = 0.6, 0.8
-    turn = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
-    turned["ends"]["upper"] = list(turn @ turned["ends"]["upper"])
-    turned["load"]["uniform"] = list(turn @ turned["load"]["uniform"])
-    for load in turned["point_load"]:
-        load["force"] = list(turn @ load["force"])
-    move = mapping["motion"]["upper"]["x"]
-    turned["motion"]["upper"] = {
-        axis: {**move, "amplitude": part * move["amplitude"]} for axis, part in (("x", cosine), ("z", sine))
-    }
-    other = cp.condensed.simulate(cp.make_scene(turned), both, **options)
-    for name in ("position", "velocity"):
-        np.testing.assert_allclose(other[name], wide[name].values @ turn.T, atol=1e-10)
-    np.testing.assert_allclose(other.tension, wide.tension, rtol=1e-9)
 
 
 def test_a_chord_that_passes_the_vertical_in_space_moves_as_in_the_plane(soft, modes):

@@ -8,7 +8,6 @@ import json
 
 import numpy as np
 import pytest
-import xarray as xr
 from scenes import spatial
 from suite import slow
 
@@ -245,18 +244,6 @@ def test_equilibrium_stays_at_rest(soft, law, scheme):
     assert float(np.abs(run.position - run.position[0]).max()) < 1e-11
 
 
-def test_saving_more_often_changes_no_bit_and_no_input_changes(soft):
-    scene = cp.make_scene(soft)
-    modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))
-    before = scene.copy(deep=True), modes.copy(deep=True)
-    for scheme in SCHEMES:
-        every = cp.galerkin.simulate(scene, modes, rank=2, times=np.arange(4001) / 1000, step=1e-3, scheme=scheme)
-        few = cp.galerkin.simulate(scene, modes, rank=2, times=[0.5, 4.0], step=1e-3, scheme=scheme)
-        np.testing.assert_array_equal(few.position, every.position[[500, 4000]])
-    xr.testing.assert_identical(scene, before[0])
-    xr.testing.assert_identical(modes, before[1])
-
-
 def test_modes_transfer_by_sigma_to_another_cable(soft):
     scene = cp.make_scene(soft)
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), rank=4)
@@ -275,22 +262,6 @@ def test_amplitudes_reconstruct_the_positions(soft):
     bare = cp.galerkin.simulate(scene, modes, step=1e-3, outputs=())
     assert "position" not in bare
     np.testing.assert_array_equal(bare.amplitude, run.amplitude)
-
-
-def test_extremes_are_taken_over_all_steps(soft):
-    scene = cp.make_scene(soft)
-    modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), rank=2)
-    for scheme in SCHEMES:
-        run = cp.galerkin.simulate(
-            scene,
-            modes,
-            times=np.arange(4001) / 1000,
-            step=1e-3,
-            scheme=scheme,
-            outputs=("tension", "tension_extremes"),
-        )
-        np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-12)
-        np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-12)
 
 
 def test_the_default_step_is_stable_and_accurate_without_help(soft):
@@ -397,15 +368,6 @@ def test_the_pick_follows_the_tolerance(scenes):
     tight = cp.galerkin.simulate(scene, modes, times=np.arange(31.0), tolerance=1e-6)
     assert tight.attrs["scheme"] == "velocity_verlet"
     assert float(cp.compare.errors(loose, tight).error_max) < 1e-3
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_run_of_no_length_is_the_start(soft, scheme):
-    scene = cp.make_scene(soft)
-    modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), rank=2)
-    run = cp.galerkin.simulate(scene, modes, times=[0.0], scheme=scheme, step=1e-3)
-    whole = cp.galerkin.simulate(scene, modes, scheme=scheme, step=1e-3)
-    np.testing.assert_array_equal(run.position[0], whole.position[0])
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")  # such steps make energy too

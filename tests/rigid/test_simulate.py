@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 
 import numpy as np
 import pytest
-from scenes import RIGID_CABLE, link_length_errors, pendulum, rigid_scene, spatial
+from scenes import RIGID_CABLE, link_length_errors, pendulum, rigid_scene
 from scenes import TERMS as SHARED
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
@@ -200,38 +199,6 @@ def test_lengths_are_kept_to_rounding(soft, name, formulation):
     assert run.attrs["length_error"] < 1e-13
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TERMS)
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_planar_and_spatial_agree_bit_for_bit(soft, name, formulation):
-    mapping = {**soft, "cable": RIGID_CABLE, **copy.deepcopy(TERMS[name])}
-    options = {"times": [0.0, 0.1234, 0.5, 1.0], "formulation": formulation, "step": 0.01, "outputs": ALL}
-    flat = cp.rigid.simulate(cp.make_scene(mapping), **options)
-    deep = cp.rigid.simulate(cp.make_scene(spatial(mapping)), **options)
-    np.testing.assert_array_equal(deep.position[..., :2], flat.position)
-    np.testing.assert_array_equal(deep.velocity[..., :2], flat.velocity)
-    for what in ("tension", "tension_minimum", "tension_maximum"):
-        np.testing.assert_array_equal(deep[what], flat[what])
-    assert not deep.position[..., 2].any()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_turned_scene_moves_likewise(soft, formulation):
-    # spatial scenes have no preferred horizontal axis: turn about y by 40 degrees, with a load across
-    c, s = np.cos(np.radians(40)), np.sin(np.radians(40))
-    flat = spatial({**soft, "cable": RIGID_CABLE, "motion": {}, "load": {"uniform": [1.0, 0.0]}})
-    flat["load"] |= {"uniform": [1.0, 0.0, 2.0], "kind": "ramp", "amplitude": 1.0, "duration": 1.0}
-    turned = copy.deepcopy(flat)
-    turned["ends"]["upper"] = [8.0 * c, 6.0, -8.0 * s]
-    turned["load"]["uniform"] = [c + 2.0 * s, 0.0, 2.0 * c - s]
-    options = {"times": [0.5, 1.0, 2.0], "formulation": formulation, "step": 0.01}
-    a, b = (cp.rigid.simulate(cp.make_scene(m), **options).position.values for m in (flat, turned))
-    expected = np.stack([c * a[..., 0] + s * a[..., 2], a[..., 1], c * a[..., 2] - s * a[..., 0]], axis=-1)
-    assert np.abs(a[..., 2]).max() > 0.1
-    np.testing.assert_allclose(b, expected, rtol=0, atol=1e-11)  # rounding of the turned ends over 200 steps
-
-
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_free_lower_end_is_a_free_upper_end_seen_from_the_other_side(soft, formulation):
     ratios = [1.0, 2.0, 3.0, 1.5]
@@ -398,19 +365,6 @@ def test_a_step_far_too_long_is_warned_of(scenes):
         run = cp.rigid.simulate(scene, times=[3.0], step=0.2)
     assert run.attrs["steps_cut"] > 0
     assert np.abs(link_length_errors(run)).max() < 1e-13
-
-
-def test_members_run_one_by_one(soft):
-    import xarray as xr
-
-    scenes = xr.concat(
-        [rigid_scene(soft), rigid_scene(soft, cable={**RIGID_CABLE, "unstretched_length": 12.0})], "member"
-    )
-    run = cp.rigid.simulate(scenes, times=[0.0, 1.0], step=0.01)
-    assert run.sizes["member"] == 2
-    alone = cp.rigid.simulate(scenes.isel(member=1, drop=True), times=[0.0, 1.0], step=0.01)
-    np.testing.assert_array_equal(run.position[1], alone.position)
-    assert float(run.unstretched_length[1]) == 12.0
 
 
 def test_one_instant_none_and_progress(soft):
