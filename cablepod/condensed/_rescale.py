@@ -6,8 +6,8 @@ on which loads there are, not on the numbers of a scene; they are computed once 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,25 +105,43 @@ def rescale_coefficients(
     states
         Reference states of the scenes, which turn the coordinates; None without terms of second order.
     """
-    # distributed loads are proportional to the length, point loads are not
-    load_scaling = np.ones((total.size, len(unit.load_patterns)))
-    load_scaling[:, : 2 if unit.chain.p.motions else 1] = total[:, None]
+    by_load = load_scaling(unit, total)
     names = ("load_patterns", "chordwise_force_patterns", "mean_chordwise_forces", "chordwise_forces_at_candidates")
-    named = {name: _scale(load_scaling, getattr(unit, name)) for name in names}
+    named = {name: _scale(by_load, getattr(unit, name)) for name in names}
+    of_shapes = rescale_shapes(unit, mass, total, by_load, states)
+    return of_shapes._replace(named=named | of_shapes.named)
+
+
+def load_scaling(unit: CondensedModel, total: np.ndarray) -> np.ndarray:
+    """Return the factors of the load patterns of scenes with unstretched lengths `total` [m] (scenes, patterns).
+
+    Distributed loads are proportional to the length, point loads are not.
+    """
+    result = np.ones((total.size, len(unit.load_patterns)))
+    result[:, : 2 if unit.chain.p.motions else 1] = total[:, None]
+    return result
+
+
+def rescale_shapes(
+    unit: CondensedModel, mass: np.ndarray, total: np.ndarray, by_load: np.ndarray, states: MemberStates | None
+) -> RescaledCoefficients:
+    """Compute the coefficients of the shapes of scenes, see :func:`rescale_coefficients`.
+
+    `by_load` are the factors of the load patterns, see :func:`load_scaling`.
+    """
     if states is not None:
-        shaped, turns, squares = _turned_shapes(unit, mass, total, load_scaling, states)
-        return RescaledCoefficients(named | shaped, turns, squares)
+        return RescaledCoefficients(*_turned_shapes(unit, mass, total, by_load, states))
     mass_scaling = 1.0 / np.sqrt(mass * total)
     stiffness_scaling = mass_scaling**2 / total
-    stiffness_by_load = load_scaling * stiffness_scaling[:, None]
+    stiffness_by_load = by_load * stiffness_scaling[:, None]
     factors = {
         "shapes": mass_scaling,
         "slopes": mass_scaling / total,
         "geometric_stiffness": stiffness_by_load,
         "geometric_stiffness_norms": stiffness_by_load,
-        "load_projection": np.concatenate([load_scaling] * (unit.chain.p.dims - 1), axis=1) * mass_scaling[:, None],
+        "load_projection": np.concatenate([by_load] * (unit.chain.p.dims - 1), axis=1) * mass_scaling[:, None],
     }
-    named |= {name: _scale(factor, getattr(unit, name)) for name, factor in factors.items()}
+    named = {name: _scale(factor, getattr(unit, name)) for name, factor in factors.items()}
     bases, kappa = unit.spectral_basis
     return RescaledCoefficients(
         named, [_scale(mass_scaling, basis) for basis in bases], _scale(stiffness_scaling, kappa)
@@ -142,14 +160,14 @@ def kept_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
 
 
 def _turned_shapes(
-    unit: CondensedModel, mass: np.ndarray, total: np.ndarray, load_scaling: np.ndarray, states: MemberStates
+    unit: CondensedModel, mass: np.ndarray, total: np.ndarray, by_load: np.ndarray, states: MemberStates
 ) -> tuple[dict[str, np.ndarray], list[np.ndarray], np.ndarray]:
     """Return the coefficients of shapes with the terms of second order, matrices to coordinates, squared slope norms."""
     scenes, patterns, r = total.size, len(unit.load_patterns), sum(unit.ranks)
     uniform, sag = states.uniform[:, None, None], states.sag[:, None, None]
     shapes, geometric = np.zeros((scenes, r, unit.chain.links + 1)), np.zeros((scenes, patterns, r, r))
     projection = np.zeros((scenes, len(unit.sets), patterns, r))
-    geometric_scaling = (load_scaling / total[:, None])[:, :, None, None]
+    geometric_scaling = (by_load / total[:, None])[:, :, None, None]
     bases, kappa = [], []
     for k, (psi, which, products) in enumerate(
         zip(unit.modes, unit.sets, unit.products_under_uniform_load, strict=True)
@@ -163,7 +181,7 @@ def _turned_shapes(
         tension = uniform[:, None] * with_patterns[0] + sag[:, None] * with_patterns[1]
         geometric[:, :, which, which] = (back[:, None] @ tension @ turn[:, None]) * geometric_scaling
         shapes[:, which] = back @ psi
-        projection[:, k, :, which] = load_scaling[:, :, None] * (unit.load_patterns @ psi.T @ turn)
+        projection[:, k, :, which] = by_load[:, :, None] * (unit.load_patterns @ psi.T @ turn)
         bases.append(turn)
         kappa.append(values)
     finite = np.where(np.isfinite(geometric), geometric, 0.0)
@@ -177,29 +195,94 @@ def _turned_shapes(
     return named, bases, np.concatenate(kappa, axis=1)
 
 
+@dataclass(frozen=True, eq=False)
+class RescaledModel(CondensedModel):
+    """Model of a uniform cable whose coefficients follow from those of its unit cable."""
+
+    unit: CondensedModel = field(kw_only=True)
+
+    @cached_property
+    def rest_tension(self) -> float:
+        """Mean of the tensions of both ends at rest [N]."""
+        p = self.chain.p
+        statics = solve_statics(p, p.length_key, p.length_value)
+        return 0.5 * float(statics[4] + statics[5])
+
+    @cached_property
+    def _load_scaling(self) -> np.ndarray:
+        return load_scaling(self.unit, np.array([self.chain.total_length]))
+
+    @cached_property
+    def load_patterns(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return _scale(self._load_scaling, self.unit.load_patterns)[0]
+
+    @cached_property
+    def chordwise_force_patterns(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return _scale(self._load_scaling, self.unit.chordwise_force_patterns)[0]
+
+    @cached_property
+    def mean_chordwise_forces(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return _scale(self._load_scaling, self.unit.mean_chordwise_forces)[0]
+
+    @cached_property
+    def chordwise_forces_at_candidates(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return _scale(self._load_scaling, self.unit.chordwise_forces_at_candidates)[0]
+
+    @cached_property
+    def _of_shapes(self) -> RescaledCoefficients:
+        """Coefficients of the shapes, of one scene."""
+        chain, states = self.chain, None
+        total = np.array([chain.total_length])
+        if self.reference_state is not None:
+            uniform, sag = (np.array([value]) for value in self.reference_state)
+            states = MemberStates(uniform, sag, ((self.rest_shear**2 @ chain.length) / total)[None])
+        return rescale_shapes(self.unit, np.array([chain.p.mass]), total, self._load_scaling, states)
+
+    @cached_property
+    def shapes(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return self._of_shapes.named["shapes"][0]
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return self._of_shapes.named["slopes"][0]
+
+    @cached_property
+    def geometric_stiffness(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return self._of_shapes.named["geometric_stiffness"][0]
+
+    @cached_property
+    def geometric_stiffness_norms(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return self._of_shapes.named["geometric_stiffness_norms"][0]
+
+    @cached_property
+    def load_projection(self) -> np.ndarray:
+        """As in :class:`CondensedModel`."""
+        return self._of_shapes.named["load_projection"][0]
+
+    @cached_property
+    def spectral_basis(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """As in :class:`CondensedModel`."""
+        scaled = self._of_shapes
+        return [np.asfortranarray(basis[0]) for basis in scaled.bases], scaled.slope_norms_squared[0]
+
+
 def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     """Make the model of a scene from that of its unit cable."""
-    statics = solve_statics(p, p.length_key, p.length_value)
-    total = float(statics[0])
+    total = float(solve_statics(p, p.length_key, p.length_value)[0])
     arc_length = total * unit.chain.arc_length
     chain = LumpedChain(p, arc_length[1:] - arc_length[:-1], arc_length, unit.chain.law)
-    result = replace(unit, chain=chain)
-    result.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
-    if not result.is_uniform:
-        return result  # computed from the modes
-    states = None
-    if result.reference_state is not None:
-        if p.point_loads:
-            return result  # another profile of the slopes: computed from the modes
-        uniform, sag = (np.array([value]) for value in result.reference_state)
-        states = MemberStates(uniform, sag, ((result.rest_shear**2 @ chain.length) / total)[None])
-    scaled = rescale_coefficients(unit, np.array([p.mass]), np.array([total]), states)
-    # fills the cached properties, so that they are not computed from the modes
-    result.__dict__.update(
-        {name: values[0] for name, values in scaled.named.items()},
-        spectral_basis=([np.asfortranarray(basis[0]) for basis in scaled.bases], scaled.slope_norms_squared[0]),
-    )
-    return result
+    model = replace(unit, chain=chain)
+    if not model.is_uniform or (model.order == "leading" and p.point_loads):
+        return model  # computed from the modes; point loads: another profile of the slopes
+    return RescaledModel(**{item.name: getattr(model, item.name) for item in fields(model)}, unit=unit)
 
 
 def same_structure(p: Parameters, other: Parameters) -> bool:
