@@ -111,8 +111,8 @@ def verlet(
         Its length lets the compiler unroll sums over nodes; each length is compiled anew.
     stiffness : float
         Axial stiffness [N].
-    green : bool or None
-        Not None for law (21), None for the linear law.
+    green : bool
+        Whether law (21) holds in place of the linear one.
     ratios : float array (2, elements) or None
         Axial stiffness and drag of the elements over those of the cable; None for a uniform cable.
     per_mass, load_increment : float arrays (m,), (dims, m)
@@ -128,10 +128,10 @@ def verlet(
         Prescribed values at the steps from `start` on [m].
     patterns, factors : float arrays (loads, dims, m), (steps + 1, loads)
         Patterns of time-dependent loads [N] and their factors at the steps.
-    viscosity : float or None
-        Viscosity over stiffness [s]; only with the linear law.
-    tension_damping : float or None
-        Damping by the tension [s], see :func:`cablepod.cable._kernels_forces._add_tension_damping`.
+    viscosity : float
+        Viscosity over stiffness [s], 0 without; only with the linear law.
+    tension_damping : float
+        Damping by the tension [s], 0 without, see :func:`cablepod.cable._kernels_forces._add_tension_damping`.
     particles, numbers : int array (attachments,), float array (attachments, COLUMNS), or None
         Nodes with dampers and springs to the ground, and their numbers, see :mod:`cablepod.chain._kernels_attached`.
     v_before : float array (dims, m) or None

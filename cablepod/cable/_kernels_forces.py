@@ -59,13 +59,13 @@ def _law(square, stretching, weight, stiffness, green, viscosity, s):
     below = False
     for q in range(s.shape[0]):
         w = weight[q]
-        if green is not None:
+        if green:
             half_modulus = 0.5 * stiffness * w
             for e in range(s.shape[1]):
                 strain = square[q, e] - 1.0
                 below |= strain < 0.0
                 s[q, e] = half_modulus * strain
-        elif viscosity is None:
+        elif viscosity == 0.0:
             for e in range(s.shape[1]):
                 elastic = stiffness * (1.0 - 1.0 / math.sqrt(square[q, e]))
                 below |= elastic < 0.0
@@ -132,7 +132,7 @@ def _nodal_forces(
     for c in range(dims):
         _gradient(x[c], d, scale, unrolled, nodal, g[c])
     _products(g, g, square)
-    if viscosity is not None:
+    if viscosity > 0.0:
         for c in range(dims):
             _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
         _products(g, g_dot, stretching)
@@ -140,7 +140,7 @@ def _nodal_forces(
         _record_slack(square, step, slack)
     if ratios is not None:
         _scale_elements(s, ratios[0])
-    if tension_damping is not None:
+    if tension_damping > 0.0:
         for c in range(dims):
             _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
             _add_tension_damping(g[c], g_dot[c], s, tension_damping)
@@ -172,17 +172,17 @@ def _extremes(x, u, order, link_element, link_rows, stiffness, green, ratios, vi
             g, g_dot = 0.0, 0.0
             for i in range(order + 1):
                 g += link_rows[j, i] * x[c, a + i]
-                if viscosity is not None:
+                if viscosity > 0.0:
                     g_dot += link_rows[j, i] * u[c, a + i]
             square += g * g
             stretching += g * g_dot
         stretch = math.sqrt(square)
-        if green is not None:
+        if green:
             tension = 0.5 * stiffness * (square - 1.0) * stretch
         else:
             tension = stiffness * (stretch - 1.0)
             total = tension
-            if viscosity is not None:
+            if viscosity > 0.0:
                 total += viscosity * stiffness * stretching / stretch
             tension = total if tension > 0.0 and total > 0.0 else 0.0
         if ratios is not None:

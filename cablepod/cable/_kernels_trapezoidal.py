@@ -37,14 +37,14 @@ REMAINDER = 0.1
 def _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b):
     """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]; s is that of ``_law``."""
     for q in range(b.shape[0]):
-        for e in range(b.shape[1]):
-            if green is not None:
+        if green:
+            for e in range(b.shape[1]):
                 b[q, e] = weight[q] * stiffness
-            else:
+        else:
+            for e in range(b.shape[1]):
                 part = weight[q] * stiffness / (square[q, e] * math.sqrt(square[q, e]))
-                if viscosity is not None:
-                    # further viscous terms of the exact tangent are omitted; Newton's method converges without them
-                    part += weight[q] * viscosity * stiffness * velocity_factor / square[q, e]
+                # further viscous terms of the exact tangent are omitted; Newton's method converges without them
+                part += weight[q] * viscosity * stiffness * velocity_factor / square[q, e]
                 b[q, e] = part if s[q, e] > 0.0 else 0.0
 
 
@@ -151,8 +151,8 @@ def tangent(x, first, free, d, weight, scale, stiffness, green, ratios):
     for c in range(dims):
         _gradient(x[c], d, scale, None, nodal, g[c])
     _products(g, g, square)
-    _law(square, square, weight, stiffness, green, None, s)
-    _axial_tangent(square, weight, stiffness, green, None, 0.0, s, b)
+    _law(square, square, weight, stiffness, green, 0.0, s)
+    _axial_tangent(square, weight, stiffness, green, 0.0, 0.0, s, b)
     if ratios is not None:
         _scale_elements(s, ratios[0])
         _scale_elements(b, ratios[0])
@@ -188,7 +188,7 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, ratios, load
     right = np.empty(free * dims)
     norm, before = np.inf, np.inf
     for _ in range(MAX_ITERATIONS):
-        f = forces(x, x, d, weight, scale, stiffness, green, ratios, None, None)
+        f = forces(x, x, d, weight, scale, stiffness, green, ratios, 0.0, 0.0)
         band = tangent(x, first, free, d, weight, scale, stiffness, green, ratios)
         for n in range(free):
             for c in range(dims):
@@ -283,7 +283,7 @@ def trapezoidal(
     own, attached_force = np.zeros((dims * (dims + 1) // 2, last + 1)), np.zeros(x.shape)
     inertia, velocity_factor = 4.0 / (step * step), 2.0 / step
     air_force, air_tangent, s_tangent = np.zeros(x.shape), np.zeros((dims, dims, last + 1)), s
-    if tension_damping is not None:
+    if tension_damping > 0.0:
         s_tangent = np.zeros(shape)
     damping_force, lag = np.zeros(x.shape), modal.half_ratio * velocity_factor * velocity_factor
     is_linear = wind is not None or modal.matrix.size > 0
@@ -295,7 +295,7 @@ def trapezoidal(
             assign(saved[save, 2, :, first : first + m], a)
             save += 1
         if low.size > 0:
-            if viscosity is not None:
+            if end_rates is not None:  # of which the viscosity takes the velocities
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
                     for j in range(m):
@@ -336,13 +336,13 @@ def trapezoidal(
                 own[:] = 0.0
                 body_drag(u, wind, wind_places[i + 1], bodies, air_force, velocity_factor, own)
                 _add_blocks(own, first, band)
-            if tension_damping is not None:
+            if tension_damping > 0.0:
                 for q in range(weight.size):
                     for e in range(scale.size):
                         s_tangent[q, e] = s[q, e] + max(s[q, e], 0.0) * tension_damping * velocity_factor
             _tangent(g, s_tangent, b, pairs, scale, unrolled, first, line, coefficient, band)
             for c in range(dims):
-                if tension_damping is not None:
+                if tension_damping > 0.0:
                     _add_tension_damping(g[c], g_dot[c], s, tension_damping)
                 _assemble(g[c], s, d_transposed, unrolled, nodal, f[c])
                 for j in range(m):

@@ -166,7 +166,7 @@ class SpectralMesh(LumpedChain):
         """Compute the internal nodal forces (nodes, dims) [N]."""
         from cablepod.cable import _kernels_forces as kernel  # numba is imported only to compute
 
-        dampings = (None, None) if velocity is None else (self.p.link_viscosity, self.p.tension_damping)
+        dampings = (0.0, 0.0) if velocity is None else rate_dampings(self.p)
         x = np.ascontiguousarray(position.T)
         u = x if velocity is None else np.ascontiguousarray(velocity.T)
         return kernel.forces(x, u, *self.law_arguments, *dampings).T
@@ -180,7 +180,7 @@ class SpectralMesh(LumpedChain):
     def law_arguments(self) -> tuple[Any, ...]:
         """Arguments d, weight, scale, stiffness, green and ratios of the kernels."""
         _, weight, d = gll_rule(self.order)
-        return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None, self.ratios
+        return np.array(d), np.array(weight), self.scale, self.p.stiffness, self.green, self.ratios
 
     @cached_property
     def unrolled(self) -> tuple[float, ...] | None:
@@ -293,6 +293,11 @@ class SpectralMesh(LumpedChain):
             band[: min(order + 1, unknowns)], lower=True, eigvals_only=True, select="i", select_range=(only, only)
         )
         return math.sqrt(float(square_of[0]))
+
+
+def rate_dampings(p: Parameters) -> tuple[float, float]:
+    """Return the viscosity over the stiffness and the damping by the tension [s], 0 without."""
+    return p.link_viscosity or 0.0, p.tension_damping or 0.0
 
 
 def mesh_of(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.cable._air import MeshAir
-from cablepod.cable._mesh import SpectralMesh
+from cablepod.cable._mesh import SpectralMesh, rate_dampings
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
@@ -122,7 +122,7 @@ class ExplicitCableRun(ExplicitChainRun):
             kernel.verlet(
                 x, v, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios, per_mass, load_increment, step,
                 damping_factor, *end_places, p.end_coordinates_at_steps(start, steps, steps_per_second), patterns,
-                _factors(varying, time), p.link_viscosity, p.tension_damping, *attached, v_before, *wind,
+                _factors(varying, time), *rate_dampings(p), *attached, v_before, *wind,
                 p.end_positions(time, 1) if needs_rates else None, steps, start, instants.steps[first:last],
                 saved[first:last], half_step_rates[first:last], element, rows, low, high, slack,
             )  # fmt: skip
@@ -244,7 +244,7 @@ class _CableStepper(ImplicitStepper):
         done, iterations = kernel.trapezoidal(
             self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios,
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
-            _factors(self.varying, time), p.link_viscosity, p.tension_damping, self.modal, *attached, *wind, rows, columns,
+            _factors(self.varying, time), *rate_dampings(p), self.modal, *attached, *wind, rows, columns,
             end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
             max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound,
             start, time.size - 1, save, self.saved[at : at + save.size], self.element, self.rows, low, high, self.slack,
