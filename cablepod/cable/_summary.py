@@ -141,9 +141,6 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         dims = () if single else ("member",)
         variables[name] = ((*dims, "mode") if values.ndim > len(dims) else dims, values)
     result = xr.Dataset(variables, coords={"mode": np.arange(1, FREQUENCIES + 1)})
-    if not single:
-        varied = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
-        result = result.assign_coords({name: variable.copy() for name, variable in varied.items()})
     named = names_in_air(NUMBERS | FREQUENCY_NUMBERS, result)
     for name, (_, text) in list(named.items()):
         if "frequency" in name:
@@ -157,6 +154,9 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         note=("1", "what is unusual, one note a line"),
     )
     del result["note"].attrs["units"]
+    if not single:  # with the units of the scene, words without
+        varied = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
+        result = result.assign_coords({name: variable.copy() for name, variable in varied.items()})
     airs = set(map(air_at_rest, members))
     air = airs.pop() if len(airs) == 1 else AIR_OF_EACH
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: summary", stage="summary", air=air)

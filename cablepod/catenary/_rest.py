@@ -96,10 +96,10 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
             "coordinate": list(COORDINATES[: members[0].dims]),
         },
     )
-    if not single:
+    label(result)
+    if not single:  # with the units of the scene, words without
         swept = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
         result = result.assign_coords({name: variable.copy() for name, variable in swept.items()})
-    label(result)
     title = f"{scene.attrs.get('title', 'scene')}: continuous cable at rest"
     if any(p.wind is not None for p in members):
         title = f"{title} in {STILL_AIR}"

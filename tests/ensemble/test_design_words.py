@@ -59,6 +59,13 @@ def test_keys_of_one_word_are_lacking_in_members_with_another():
     np.testing.assert_array_equal(runs["position"].values[is_other.argmin()], alone["position"].values)
 
 
+@pytest.mark.parametrize("function", [cp.summary, cp.catenary.rest, cp.chain.rest])
+def test_numbers_of_members_have_their_words(function):
+    result = function(design(WINDY, {"wind.profile": ["uniform", "logarithmic"]}))
+    assert result["wind_profile"].values.tolist() == ["uniform", "logarithmic"]
+    assert "units" not in result["wind_profile"].attrs
+
+
 def test_keys_that_the_scene_lacks_are_made_with_the_defaults_of_their_table():
     ice = design(SHORT, {"ice.thickness": [0.0, 0.01]}, members=3)
     assert ice["ice_thickness"].dims == ("member",)
