@@ -26,8 +26,8 @@ from cablepod.integrate._kernels_assign import assign
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 30
-#: Number of iterations after which a step is predicted anew without the acceleration, and further steps too until one of them
-#: takes more: in steps that do not resolve the axial vibrations these stay in the acceleration, undamped.
+#: Iterations after which a step is predicted anew without the acceleration, and so are further steps until one takes more:
+#: axial vibrations that the steps do not resolve stay in the acceleration, undamped.
 MANY_ITERATIONS = 6
 #: With drag: tolerance of what remains over that of the last correction.
 REMAINDER = 0.1
@@ -298,8 +298,7 @@ def trapezoidal(
             if end_rates is not None:  # of which the viscosity takes the velocities
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
-                    for j in range(m):
-                        u[c, first + j] = v[c, j]
+                assign(u[:, first : first + m], v)
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
         for q in range(rows.size):
             trial[rows[q], columns[q]] = ends[q, i + 1]

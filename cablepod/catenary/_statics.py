@@ -84,8 +84,10 @@ def check_solved(status: int, plane: Sequence[float], stiffness: float, key: str
     if status == kernel.FOUND:
         return
     if status == kernel.BELOW_LEAST_TENSION:
+        from cablepod.catenary import _kernels_least as kernel_least
+
         sign = 1.0 if CATENARY_KEYS.index(key) == kernel.UPPER_TENSION else -1.0
-        least = kernel.least_tension(*plane, stiffness, sign)
+        least = kernel_least.least_tension(*plane, stiffness, sign)
         raise scene_error(name, value, f"at least {max(least, 0.0):.6g} N, the minimum over all lengths of this cable")
     if status == kernel.SLACK_WEIGHTLESS:
         allowed = f"at most the chord, {plane[2]:.12g} m, as a slack cable without load has no shape at rest"

@@ -17,9 +17,10 @@ from cablepod.catenary._statics import member_statics
 from cablepod.condensed._error_equation import VALUES_AT_A_TIME
 from cablepod.condensed._fields import close_leading, deflections, joined, running_sum
 from cablepod.condensed._frame import chord_and_loads
+from cablepod.condensed._frequency_bound import largest_frequencies_squared
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, rest_profile
-from cablepod.condensed._model import CondensedModel, largest_frequencies_squared
+from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure

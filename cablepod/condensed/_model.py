@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,12 @@ from cablepod.chain._start import start
 from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities
+from cablepod.condensed._frequency_bound import largest_frequencies_squared, longest_chord
 from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
-from cablepod.parameters._parameters import Parameters
-
-#: Number of scenes whose longest chords are kept.
-KEPT_CHORDS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,38 +364,6 @@ class CondensedModel(Coefficients):
 
     def omega_taut_squared(self, end_time: float, intervals: int = 1000) -> float:
         """Return the largest squared angular frequency without sag, at the longest chord up to `end_time` [s], in 1/s^2."""
-        longest = _longest_chord(self.chain.p, end_time, intervals)
+        longest = longest_chord(self.chain.p, end_time, intervals)
         chord_tension = self.chain.p.stiffness * max(longest / self.chain.total_length - 1.0, 0.0)
         return chord_tension * float(self.slope_norms_squared.max())
-
-
-def largest_frequencies_squared(
-    kappa: np.ndarray,
-    norms: np.ndarray,
-    stiffness: float | np.ndarray,
-    q: np.ndarray,
-    rows: np.ndarray,
-    chord_tension: float | np.ndarray,
-) -> np.ndarray:
-    """Return |H| max kappa + K / L0 sum (kappa q)^2 + sum |g_a| |G_a|, which bounds squared angular frequencies [1/s^2].
-
-    All arrays may have a leading dimension of members.
-
-    Parameters
-    ----------
-    kappa, norms
-        Squared slope norms (r,) [1/(kg m)], spectral norms of the geometric stiffness (patterns,).
-    stiffness, chord_tension
-        K / L0 [N/m] and H [N], numbers or (members,).
-    q, rows
-        Coordinates (r,) and boundary data (columns,).
-    """
-    loads = (np.abs(rows[..., 1 : 1 + norms.shape[-1]]) * norms).sum(axis=-1)
-    return np.abs(chord_tension) * kappa.max(axis=-1) + stiffness * ((kappa * q) ** 2).sum(axis=-1) + loads
-
-
-@lru_cache(KEPT_CHORDS)
-def _longest_chord(p: Parameters, end_time: float, intervals: int) -> float:
-    """Return the longest distance of the ends at equal intervals up to `end_time` [s], in m; kept for the same scenes."""
-    ends = p.end_positions(np.linspace(0.0, end_time, intervals + 1))
-    return float(np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max())

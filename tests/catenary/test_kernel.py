@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from references import catenary_mpmath as reference
 
+from cablepod.catenary import _kernels_least as kernel_least
 from cablepod.catenary import _kernels_shape as kernels_shape
 from cablepod.catenary import _kernels_solve as kernel
 from cablepod.catenary._kernels_plane import load_planes
@@ -245,7 +246,7 @@ def test_least_tension(a, b, q, k, which, printed):
         assert float(least) == pytest.approx(printed, rel=1e-13)
     most = float(max(cable.tension(0), cable.tension(cable.length)))
     sign = 1.0 if which == 0 else -1.0
-    assert kernel.least_tension(a, b, math.hypot(a, b), q, k, sign) == pytest.approx(
+    assert kernel_least.least_tension(a, b, math.hypot(a, b), q, k, sign) == pytest.approx(
         float(least), rel=0, abs=1e-14 * most
     )
     for margin in (1e-13, 1e-8, 1e-4):
