@@ -394,8 +394,7 @@ def trapezoidal(
                 new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]
                 v[c, j] = 2.0 * increment[c, j] / step - v[c, j]
                 a[c, j] = new
-            for j in range(last + 1):
-                x[c, j] = trial[c, j]
+        assign(x, trial)
         if not _is_inside(x, bound):
             return i + 1, iterations
     return steps, iterations

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq, curve_fit
+from suite import slow
 
 import cablepod as cp
 from cablepod.chain._attached import attached_forces
@@ -181,7 +182,7 @@ THINGS: dict[str, Any] = {
 WIND = {"speed": 25.0, "direction": [1.0, 0.0, 0.2]}
 
 
-@pytest.mark.parametrize("wind", [False, True])
+@pytest.mark.parametrize("wind", [slow(False), True])
 def test_schemes_agree(wind: bool) -> None:
     """Two schemes of second order with short steps; the drag of bodies, parts, dampers and springs have other code in each."""
     scene = cp.make_scene({**GUY, **THINGS, **({"wind": WIND} if wind else {})})

@@ -44,7 +44,7 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
 }
 
 
-@pytest.mark.parametrize("case", ["body", "segments", "spring", slow("damper"), slow("ice")])
+@pytest.mark.parametrize("case", [slow("body"), "segments", "spring", slow("damper"), slow("ice")])
 def test_gusts(case: str) -> None:
     tables, change = CASES[case]
     scene = cp.make_scene({**GUY, **tables})
