@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import plain
 from cablepod.parameters._keys import TURBULENCE, WIND, WIND_RECORD, describe
@@ -60,7 +62,7 @@ def turbulence_of(tables: Mapping[str, Any], wind: Mapping[str, Any] | None) -> 
     if "record" in table:
         return table
     table = whole(GUSTS, table, TURBULENCE)
-    if len(table["decay"]) != 2:
+    if np.shape(table["decay"]) != (2,):
         raise scene_error(f"{GUSTS}.decay", plain(table["decay"]), "two numbers, vertical and across the wind")
     spectrum = str(table["spectrum"])
     for name in ("intensity", "length_scale"):

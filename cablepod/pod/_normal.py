@@ -62,6 +62,8 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset, sigma: np.ndarray) ->
     reference = None
     if "normal_reference" in amplitudes.variables:  # that of a reduced model
         reference = _values("amplitudes", amplitudes, "normal_reference", ("coordinate",))
+        if not abs(float(np.linalg.norm(reference)) - 1.0) < 1e-6:  # also for nan; files may have short floats
+            raise scene_error("amplitudes: normal_reference", reference.tolist(), "a unit vector")
     frame = ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
     rank, most = amplitudes.sizes["mode"], modes.sizes["mode"]
     if rank > most:
