@@ -62,17 +62,19 @@ def solve_catenaries(
     return solutions, status
 
 
-def check_solved(status: int, plane: Sequence[float], stiffness: float, key: str, value: float, *, name: str) -> None:
+def check_solved(
+    status: int, plane: Sequence[float], stiffness: float, key: str, value: float | str, *, name: str
+) -> None:
     """Raise the error of a catenary without solution.
 
     Parameters
     ----------
     status
         As :func:`solve_catenaries` returns it.
-    plane, stiffness, key, value
+    plane, stiffness, key
         As in :func:`solve_catenaries`, of one cable.
-    name
-        Key in the message.
+    value, name
+        What was given, and its key, in the message.
 
     Raises
     ------
@@ -138,9 +140,10 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
         solutions[0, 0] = value
     elif status[0] != kernel.FOUND:
         numbers = [float(number[0]) for number in plane[:4]]
-        name, given = f"{prefix}.{key}", value
+        name: str = f"{prefix}.{key}"
+        given: float | str = value
         if p.expansion != 1.0:
-            name, given = "temperature", f"an unstretched length of {value:.12g} m"  # type: ignore[assignment]
+            name, given = "temperature", f"an unstretched length of {value:.12g} m"
         check_solved(int(status[0]), numbers, p.stiffness, key, given, name=name)
     return solutions[0]
 

@@ -40,8 +40,20 @@ from cablepod.chain._kernels_layout import (
 
 
 @compiled(inline="always")
+def _elastic_secant(s, j, square):
+    """Return tension over present length of a link of squared length `square` by the linear law [N/m]: k (1 - l/|R|)."""
+    return s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+
+
+@compiled(inline="always")
+def _green_secant(s, j, square):
+    """Return the same by law (21) [N/m]: k/2 (|R|^2/l^2 - 1)."""
+    return 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+
+
+@compiled(inline="always")
 def _elastic_forces(s, links, spatial):
-    """Compute forces of the links [N]: k (1 - l/|R|) R where |R| > l, else 0."""
+    """Compute forces of the links by the linear law [N]; 0 for slack links."""
     for j in range(links):
         dx = s[X, j + 1] - s[X, j]
         dy = s[Y, j + 1] - s[Y, j]
@@ -49,7 +61,7 @@ def _elastic_forces(s, links, spatial):
         if spatial is not None:
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-        secant = s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+        secant = _elastic_secant(s, j, square)
         secant = secant if secant > 0.0 else 0.0
         s[FX, j + 1] = secant * dx
         s[FY, j + 1] = secant * dy
@@ -59,7 +71,7 @@ def _elastic_forces(s, links, spatial):
 
 @compiled(inline="always")
 def _green_forces(s, links, spatial):
-    """Compute forces of the links by law (21) [N]: k/2 (|R|^2/l^2 - 1) R."""
+    """Compute forces of the links by law (21) [N]."""
     for j in range(links):
         dx = s[X, j + 1] - s[X, j]
         dy = s[Y, j + 1] - s[Y, j]
@@ -67,7 +79,7 @@ def _green_forces(s, links, spatial):
         if spatial is not None:
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-        secant = 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+        secant = _green_secant(s, j, square)
         s[FX, j + 1] = secant * dx
         s[FY, j + 1] = secant * dy
         if spatial is not None:
@@ -86,7 +98,7 @@ def _viscous_forces(s, links, viscosity, spatial):
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
             stretching += dz * (s[UZ, j + 1] - s[UZ, j])
-        elastic = s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+        elastic = _elastic_secant(s, j, square)
         total = elastic + viscosity * s[STIFFNESS, j] * stretching / square
         secant = total if elastic > 0.0 and total > 0.0 else 0.0
         s[FX, j + 1] = secant * dx
@@ -166,7 +178,7 @@ def _green_extremes(s, links, spatial):
         if spatial is not None:
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-        secant = 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+        secant = _green_secant(s, j, square)
         signed_tension_square = secant * abs(secant) * square
         s[LOW, j] = min(s[LOW, j], signed_tension_square)
         s[HIGH, j] = max(s[HIGH, j], signed_tension_square)
