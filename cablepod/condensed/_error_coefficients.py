@@ -180,7 +180,7 @@ def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> Er
     change, in_plane
         As in :func:`scaled_terms`, without the dimension of cables.
     """
-    chain = model.chain
+    chain, springs = model.chain, roots_of_springs(model)
     enriched = terms_of_lane(
         chain.p.stiffness, chain.total_length, model.slope_norms_squared, model.mean_chordwise_forces,
         model.geometric_stiffness, model.load_projection,
@@ -198,7 +198,7 @@ def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> Er
         enriched_in_plane=model.n_in_plane,
         inertia=model.inertia[None],
         damping=np.array([chain.p.damping], dtype=float),
-        springs=roots_of_springs(model)[None],
+        springs=springs[None] if len(springs) else None,
         green=False,
         leading=True,
         corrections=CORRECTIONS_LEADING,
@@ -260,7 +260,7 @@ def scaled_terms(
         enriched_in_plane=unit.n_in_plane,
         inertia=mass[..., None] ** (powers > 0.0) * length[..., None] ** powers * at.inertia,
         damping=cables.damping,
-        springs=np.empty((count, 0, size)),
+        springs=None,
         green=green,
         leading=leading,
         corrections=CORRECTIONS_LEADING if leading else CORRECTIONS,

@@ -147,10 +147,11 @@ def grown_errors(
     from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
     members, samples, size = drive.y.shape
+    count = 0 if terms.springs is None else terms.springs.shape[1]
     squares, largest, vectors = (
         np.empty((members, samples)),
         np.zeros((members, size + 1)),
-        np.zeros((members, 8 + terms.springs.shape[1], size + 2)),
+        np.zeros((members, 8 + count, size + 2)),
     )
     vectors[:, 0, :size], vectors[:, 1, :size] = errors, error_rates
     kernel.error_growth(

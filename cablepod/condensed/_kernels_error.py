@@ -212,8 +212,8 @@ def error_growth(
     largest
         Filled: the errors where that is largest, and the number of the sample (members, R + 1).
     """
-    size, squared_step, columns, count = y.shape[2], step * step, rows.shape[2], springs.shape[1]
-    margin = MARGIN if count == 0 else 0.5 * MARGIN  # shared by sag and springs
+    size, squared_step, columns = y.shape[2], step * step, rows.shape[2]
+    margin = MARGIN if springs is None else 0.5 * MARGIN  # shared by sag and springs
     for member in range(y.shape[0]):
         own, flat, damped = _of_member(enriched, member), rows[member].reshape(-1), damping[member] * step
         kappa, sag_stiffness, furthest = own.kappa, 2.0 * own.sag_stiffness[0], -1.0
@@ -241,14 +241,16 @@ def error_growth(
                 mass = max(1.0 + stiffness / 12.0, ADDED_MASS * stiffness)
                 slope[i], increment[i] = kappa[i] * position[i], factor * increment[i]
                 need += slope[i] * slope[i] / (mass - 0.25 * stiffness)
-                for a in range(count):
-                    need_of_springs += springs[member, a, i] * springs[member, a, i] / (mass - 0.25 * stiffness)
+                if springs is not None:
+                    for a in range(springs.shape[1]):
+                        need_of_springs += springs[member, a, i] * springs[member, a, i] / (mass - 0.25 * stiffness)
                 inverse_mass[i] = 1.0 / (mass + 0.5 * damped)
                 force[i] = part * (squared_step * (force[i] + difference[member, t, i]) - damped * increment[i])
                 across[i] = slope[i]
             # as little of these stiffnesses as stability allows: a twelfth, as for the other modes, or up to a quarter
-            part = max(squared_step / 12.0, 0.25 * squared_step - margin / max(need_of_springs, 1e-300))
-            _hold_by_springs(springs[member], part, inverse_mass, held, force, across)
+            if springs is not None:
+                part = max(squared_step / 12.0, 0.25 * squared_step - margin / max(need_of_springs, 1e-300))
+                _hold_by_springs(springs[member], part, inverse_mass, held, force, across)
             for i in range(size):
                 cross += slope[i] * force[i] * inverse_mass[i]
                 dyad += slope[i] * across[i] * inverse_mass[i]

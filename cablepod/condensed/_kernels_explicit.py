@@ -123,7 +123,7 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
         _forces(sizes, terms, rows, i * columns, q, tension, f)
         _add_excess(sizes, damped, q, f)
         _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, number, monitor)
-        if links.low.size:
+        if links is not None and links.low.size:
             _update_extremes(sizes, links, rows, i * columns, q, tension)
         if number == next_output:
             for j in range(size):
@@ -173,7 +173,7 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
             _add_rate_forces(sizes, terms, rate_terms, rows, i * columns, tension, u, work, f)
             _add_held_drag(air, q, u, rows[i * columns] * terms.inverse_length[0], None, number, damped.step, f)
         _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, number, monitor)
-        if links.low.size:
+        if links is not None and links.low.size:
             _update_extremes(sizes, links, rows, i * columns, q, tension)
         if number == next_output:
             for k in range(n):

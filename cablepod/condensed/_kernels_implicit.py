@@ -38,7 +38,7 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
     _forces(sizes, terms, rows, 0, q, tension, f)
     for i in range(steps + 1):
         _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, begin + i, monitor)
-        if links.low.size:
+        if links is not None and links.low.size:
             _update_extremes(sizes, links, rows, i * columns, q, tension)
         if saved < record.steps.size and record.steps[saved] == begin + i:
             _save_implicit(q, v, acceleration, step, record, saved)

@@ -120,7 +120,7 @@ class Bounds(NamedTuple):
 
 
 class Links(NamedTuple):
-    """Tables of the links whose extremes of tension are kept, without links where none are, and the extremes."""
+    """Tables of the links whose extremes of tension are kept, and the extremes; without links: of steps that do not count."""
 
     slopes: np.ndarray  #: slopes of the coordinates (r, links lanes)
     in_plane: int  #: number of in-plane coordinates
@@ -231,7 +231,7 @@ class ErrorTerms(NamedTuple):
     enriched_in_plane: int  #: the same of the enriched model
     inertia: np.ndarray  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_closure._chordwise_momentum`
     damping: np.ndarray  #: by mass, a number of each member [1/s]
-    springs: np.ndarray  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]
+    springs: np.ndarray | None  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]; None without
     green: bool  #: whether law (21) holds
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure

@@ -209,7 +209,7 @@ class _Group:
         low, high = np.full(size, np.inf), np.full(size, -np.inf)
         self.links = Links.of(slopes, plan.unit.n_in_plane, patterns, low, high)
         none = np.empty(0)
-        self.no_links = self.links._replace(low=none, high=none)
+        self.links_outside = self.links._replace(low=none, high=none) if links else None  #: of the window; None: no extremes
         self.damped = damped_step(p.damping[members], 1.0 / instants.steps_per_second, lanes.scheme)
         self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
         limit = (lanes.stable_phase * instants.steps_per_second) ** 2
@@ -251,8 +251,8 @@ class _Group:
             self._keep_boundary_data(rows, begin, saved)
             rates = self.rates[saved].reshape(-1) if len(self.rates) else self.rates.reshape(-1)
             record = Record(steps[saved], self.coordinates[saved].reshape(-1), rates)
-            within = first <= begin and end - is_verlet <= last
-            shared = lanes.sizes, self.terms, self.bounds, self.links if within else self.no_links, self.damped
+            counts = self.links_outside is not None and first <= begin and end - is_verlet <= last
+            shared = lanes.sizes, self.terms, self.bounds, self.links if counts else self.links_outside, self.damped
             outputs = self.state, begin, record, self.monitor.reshape(-1)
             if is_verlet:
                 kernel.verlet(*shared, None, None, rows, count, *outputs)

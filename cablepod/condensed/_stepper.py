@@ -104,7 +104,8 @@ class CondensedStepper:
         self.stretch = np.empty((2, 0))
         if run.leading:
             patterns = model.chordwise_force_patterns[:, chosen]
-            self.links = Links.of(model.slopes[:, chosen], model.n_in_plane, patterns, self.low, self.high)
+            tables = model.slopes[:, chosen], model.n_in_plane, patterns
+            self.links = Links.of(*tables, self.low, self.high) if self.wants_extremes else None
         else:
             self.stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
         self.bounds = model.bounds()
