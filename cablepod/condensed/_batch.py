@@ -17,7 +17,6 @@ from cablepod.catenary._statics import member_statics
 from cablepod.condensed._error_equation import VALUES_AT_A_TIME
 from cablepod.condensed._fields import close_leading, deflections, joined, running_sum
 from cablepod.condensed._frame import chord_and_loads
-from cablepod.condensed._frequency_bound import largest_frequencies_squared
 from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, rest_profile
 from cablepod.condensed._model import CondensedModel
@@ -26,6 +25,7 @@ from cablepod.condensed._output import attributes_of, labels_of, places_of, shar
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import normals_at_start
+from cablepod.discretisation._step_limit import largest_frequencies_squared
 from cablepod.errors import SceneError
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within, window_attributes
@@ -196,7 +196,7 @@ class MemberCoefficients:
 
     def starts(self, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return coordinates, rates half a `step` before the start (members, r), step limits [s] and H [N] (members,)."""
-        from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
 
         parameters, model, start = self.parameters, self.plan.unit, np.zeros(1)
         chain, scaled, everyone, size = model.chain, self.scaled, np.arange(self.total.size), len(model.load_patterns)

@@ -11,7 +11,7 @@ import numpy as np
 from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
 from cablepod.condensed._error_equation import drive_of, errors_at_rest, grown_errors, parts_of_members
 from cablepod.condensed._estimate import MAX_ERROR, MOTION_SAMPLES, POINTS, POINTS_PER_MODE, largest_motions
-from cablepod.condensed._waves import chord_direction, waves_of_start
+from cablepod.condensed._estimate_neglected import chord_direction, waves_of_start
 
 if TYPE_CHECKING:
     from cablepod.condensed._batch_fitted import FittedBatch

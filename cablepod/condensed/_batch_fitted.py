@@ -14,6 +14,7 @@ from cablepod.batch._stack import Variables
 from cablepod.condensed._batch import MemberCoefficients, MembersPlan
 from cablepod.condensed._batch_estimate import MemberRuns, errors_of, motions_of
 from cablepod.condensed._estimate import sample_interval
+from cablepod.condensed._estimate_neglected import INTEGRATED_RATIO
 from cablepod.condensed._lanes import LANES, LaneResults, Lanes
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import shared_attributes
@@ -29,7 +30,6 @@ from cablepod.condensed._runs import (
     whole_steps_per_second,
 )
 from cablepod.condensed._stepper import FOURTH_ORDER
-from cablepod.condensed._waves import INTEGRATED_RATIO
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._refinement import MAX_WORK, economical_error
 from cablepod.integrate._step_control import STEPS_PER_CHANGE

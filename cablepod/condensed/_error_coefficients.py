@@ -11,8 +11,7 @@ import numpy as np
 
 from cablepod.condensed._attached import roots_of_springs
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms
-from cablepod.condensed._terms import runtime_sizes, terms_of_lane
+from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms, runtime_sizes, terms_of_lane
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
 

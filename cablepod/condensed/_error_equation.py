@@ -17,9 +17,8 @@ from cablepod.condensed._error_coefficients import (
     terms_of_model,
     unit_coefficients,
 )
-from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, ErrorTerms, LeadingTerms
+from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, ErrorTerms, LeadingTerms, runtime_sizes
 from cablepod.condensed._newton import solve_each
-from cablepod.condensed._terms import runtime_sizes
 from cablepod.discretisation._chain import LumpedChain
 
 #: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
@@ -105,7 +104,7 @@ def errors_at_rest(terms: ErrorTerms, q: np.ndarray, rows: np.ndarray) -> np.nda
     q, rows
         Coordinates at rest (members, r), and their boundary data (members, columns).
     """
-    from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+    from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
 
     still = np.zeros_like(q[:, None])
     at_rest, y, difference, _ = (array[:, 0] for array in drive_of(terms, (q[:, None], still, still), rows[:, None]))

@@ -12,12 +12,10 @@ import numpy as np
 from cablepod.chain._start import start
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._error_equation import ErrorEquation
-from cablepod.condensed._estimate_air import EnrichedDrag
-from cablepod.condensed._estimate_damping import forces_by_rates
-from cablepod.condensed._estimate_neglected import Neglected
+from cablepod.condensed._estimate_forces import EnrichedDrag, forces_by_rates
+from cablepod.condensed._estimate_neglected import Neglected, waves
 from cablepod.condensed._fields import CondensedTrajectory, close_chord, running_sum
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._waves import waves
 from cablepod.discretisation._chord_frame import ChordFrame
 
 #: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the
@@ -78,7 +76,7 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     leading order, whose coefficients are those of the motion.  The estimate contains the truncated modes, their effect on the
     retained ones over time, and the terms that the order neglects, but not the error of the step.  Of orders "exact" and
     "inertial" these include the rotation of the chord, see ``_estimate_neglected``; to leading order others are larger.  The
-    displacement of waves along the cable by the ends is added, see ``_waves.waves``; how they act on the deflection is not
+    displacement of waves along the cable by the ends is added, see ``waves`` there; how they act on the deflection is not
     contained.  In wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind;
     with damping by the tension it is damped as its slowest mode.
 

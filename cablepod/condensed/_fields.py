@@ -113,7 +113,7 @@ def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarr
             reduced, tau, chain.length, chord, chain.p.stiffness, relative_compliance(chain)
         )
     else:
-        from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_exact_closure as kernel  # numba is imported only to compute
 
         stretch, chord_tension = np.empty_like(squared), np.empty(len(q))
         stretch[0] = model.stretch_guess(boundary_data[0])

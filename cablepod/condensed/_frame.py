@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.parameters._parameters import Parameters
+
+#: Number of scenes whose longest chords are kept.
+KEPT_CHORDS = 64
 
 
 def chord_and_loads(
@@ -97,3 +101,10 @@ def end_velocities(p: Parameters, begin: int, steps: int, steps_per_second: floa
         row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
         velocities[row] = function.at_steps(begin, steps, steps_per_second, 1)
     return velocities
+
+
+@lru_cache(KEPT_CHORDS)
+def longest_chord(p: Parameters, end_time: float, intervals: int) -> float:
+    """Return the longest distance of the ends at equal intervals up to `end_time` [s], in m; kept for the same scenes."""
+    ends = p.end_positions(np.linspace(0.0, end_time, intervals + 1))
+    return float(np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max())

@@ -1,269 +1,104 @@
-"""Compiled closure: chordwise stretch and chord tension H for a given distance of the ends."""
+"""Compiled terms of the condensed model to leading order: closure, forces and tangent, for one run and for many.
+
+Members lie in lanes, the last dimension of all arrays, which are flat: entry (j, m) of (r, lanes) has the index j lanes + m.  A
+run alone is one lane.  Every scheme, single runs, batches, hosts and the error estimate call these functions.
+"""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.condensed._kernels_layout import (
-    CLOSURE_ROWS,
-    COMPLIANCE,
-    CURVATURE,
-    FORCE,
-    LOAD_FORCE,
-    RESIDUAL,
-    SLOPE_SQUARED,
-)
-
-#: Relative tolerance of Newton's method for a step: estimated next correction over the largest coordinate.
-NEWTON_RTOL = 1e-11
-#: Maximum number of Newton iterations.
-MAX_ITERATIONS = 30
-#: Relative tolerance of the closure: change of H by the remaining residual.
-CLOSURE_RTOL = 1e-10
-#: Absolute tolerance of the closure over K (rounding of the strain).
-CLOSURE_ATOL = 1e-16
-#: Numbers of load increments tried in turn between two shapes.
-INCREMENTS = (1, 16)
-#: Maximum number of iterations of the closure from no guess: from K down to rounding it takes 53 halvings.
-SAFE_ITERATIONS = 100
-#: Relative correction of a stretch there that is rounding: some units of the last digit.
-ROUNDING = 1e-15
-#: Relative tolerance of the distance of the ends there: where a link buckles its stretch changes as the root of its force.
-SAFE_RTOL = 1e-7
+from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
-def _newton_green(strain, squared, stretch):
-    """Return Newton's correction of the chordwise stretch zeta' by law (21), its derivative by N / K, and its curvature.
+@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
+def _chord_tensions(sizes, terms, rows, at, q, tension):
+    """Fill H (lanes) [N] by the closure to leading order, from the integral of zeta' = 1 + N / K - w'^2 / 2 over the length.
 
-    The law is N / K = zeta' (xi^2 - 1) / 2 with xi^2 = zeta'^2 + w'^2, for a given N / K `strain` and w'^2 `squared`; the
-    curvature is half the second derivative over the first.
+    H = K (c / L0 - 1) - sum_a g_a mean_a + K / (2 L0) sum_j kappa_j q_j^2
+
+    `rows` holds boundary data (steps, columns, lanes), of which those at index `at` count: chord c [m], loads along the chord
+    g [N/m], loads along the normals p [N/m]; point loads [N].
     """
-    inverse_tangent = 1.0 / (3.0 * stretch * stretch + squared - 1.0)
-    correction = (2.0 * strain - stretch * (stretch * stretch + squared - 1.0)) * inverse_tangent
-    return correction, 2.0 * inverse_tangent, abs(3.0 * stretch * inverse_tangent)
+    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
+    for m in range(lanes):
+        tension[m] = terms.stiffness[m] * (rows[at + m] * terms.inverse_length[m] - 1.0)
+        for a in range(patterns):
+            tension[m] -= rows[at + (1 + a) * lanes + m] * terms.mean_chordwise_forces[a * lanes + m]
+        for j in range(size):
+            k = j * lanes + m
+            tension[m] += terms.sag_stiffness[m] * terms.kappa[k] * q[k] * q[k]
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
-def _newton_linear(strain, squared, stretch):
-    """Do :func:`_newton_green` by the linear law N / K = zeta' (1 - 1 / xi), with two divisions, which take most of the time."""
-    inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-    bending = squared * inverse * inverse * inverse
-    inverse_tangent = 1.0 / (1.0 - bending)
-    correction = (strain - stretch * (1.0 - inverse)) * inverse_tangent
-    return correction, inverse_tangent, abs(1.5 * stretch * bending * inverse * inverse * inverse_tangent)
+@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
+def _geometric_forces(sizes, terms, rows, at, tension, x, f):
+    """Fill f (r, lanes) with the geometric stiffness H kappa + sum_a g_a G_a times x (r, lanes)."""
+    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
+    for j in range(size):
+        for m in range(lanes):
+            total = tension[m] * terms.kappa[j * lanes + m] * x[j * lanes + m]
+            for a in range(patterns):
+                # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
+                stiff, first = 0.0, (a * size + j) * size
+                for k in range(size):
+                    stiff += terms.geometric_stiffness[np.uintp((first + k) * lanes + m)] * x[np.uintp(k * lanes + m)]
+                total += rows[at + (1 + a) * lanes + m] * stiff
+            f[j * lanes + m] = total
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
-def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
-    """Solve the closure for H and the chordwise stretch by Newton's method.
+@compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
+def _forces(sizes, terms, rows, at, q, tension, f):
+    """Fill H (lanes) [N] and the undamped accelerations f (r, lanes) = P p - (H kappa + sum_a g_a G_a) q."""
+    lanes, size, patterns, normal_loads = (
+        len(sizes.lanes),
+        len(sizes.modes),
+        len(sizes.patterns),
+        len(sizes.normal_loads),
+    )
+    _chord_tensions(sizes, terms, rows, at, q, tension)
+    _geometric_forces(sizes, terms, rows, at, tension, q, f)
+    for j in range(size):
+        for m in range(lanes):
+            load = 0.0
+            for a in range(normal_loads):
+                load += rows[at + (1 + patterns + a) * lanes + m] * terms.load_projection[(a * size + j) * lanes + m]
+            f[j * lanes + m] = load - f[j * lanes + m]
 
-    Parameters
-    ----------
-    weights
-        Unstretched lengths of the links, or quadrature weights (m,) [m].
-    chord, stiffness, green
-        Distance of the ends [m], K [N], whether law (21) holds.
-    chord_tension
-        First guess of H [N].
-    stretch
-        First guess of the chordwise stretch (m,); changed into the solution.
-    work
-        (CLOSURE_ROWS, m): rows LOAD_FORCE and SLOPE_SQUARED are given; rows FORCE and COMPLIANCE are filled.
 
-    Returns
-    -------
-    float
-        H [N], not finite where Newton's method did not converge.
+@compiled(noalias=True, literal=False, counted=False)
+def _fill_tangent(terms, rows, at, q, tension, tangent):
+    """Fill the negative derivative of the accelerations of one lane by q (r, r): H kappa + g G + K / L0 kappa q (kappa q)^T."""
+    size, patterns = q.size, terms.mean_chordwise_forces.size
+    for i in range(size):
+        by_sag = 2.0 * terms.sag_stiffness[0] * terms.kappa[i] * q[i]
+        for j in range(size):
+            tangent[i, j] = by_sag * terms.kappa[j] * q[j]
+        for a in range(patterns):
+            load = rows[at + 1 + a]
+            for j in range(size):
+                tangent[i, j] += load * terms.geometric_stiffness[(a * size + i) * size + j]
+        tangent[i, i] += tension * terms.kappa[i]
+
+
+@compiled(literal=False, counted=False, forceinline=True)
+def _of_member(terms, member):
+    """Return the coefficients of one member from arrays with a leading dimension; for kernels that count no references."""
+    return LeadingTerms(
+        terms.stiffness[member], terms.inverse_length[member], terms.sag_stiffness[member], terms.kappa[member],
+        terms.mean_chordwise_forces[member], terms.geometric_stiffness[member], terms.load_projection[member],
+    )  # fmt: skip
+
+
+@compiled(counted=False)
+def leading_forces(terms, rows, q, f, tangent, tension):
+    """Fill undamped accelerations f (members, r), their tangents (members, r, r) and H (members,) [N] at one instant of each.
+
+    `terms` have a leading dimension of members, and so have the boundary data `rows` (members, columns) and coordinates q.
     """
-    m, flexibility = stretch.size, 1.0 / stiffness
-    for _ in range(MAX_ITERATIONS):
-        if green:
-            for j in range(m):
-                work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
-                correction, derivative, curvature = _newton_green(
-                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
-                )
-                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
-                    correction,
-                    derivative * flexibility,
-                    curvature,
-                )
-        else:
-            for j in range(m):
-                work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
-                correction, derivative, curvature = _newton_linear(
-                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
-                )
-                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
-                    correction,
-                    derivative * flexibility,
-                    curvature,
-                )
-        reach, compliance = 0.0, 0.0
-        for j in range(m):
-            reach += weights[j] * (stretch[j] + work[RESIDUAL, j])
-            compliance += weights[j] * work[COMPLIANCE, j]
-        tension_change = (chord - reach) / compliance
-        chord_tension += tension_change
-        # second-order error of the correction, twice: the tangents are those of the old stretch
-        residual = 0.0
-        for j in range(m):
-            correction = work[RESIDUAL, j] + work[COMPLIANCE, j] * tension_change
-            stretch[j] += correction
-            work[FORCE, j] += tension_change
-            residual += weights[j] * work[CURVATURE, j] * correction * correction
-        if 2.0 * residual / abs(compliance) <= CLOSURE_RTOL * abs(chord_tension) + CLOSURE_ATOL * stiffness:
-            return chord_tension
-        if not abs(tension_change) < np.inf:
-            break
-    return np.nan
-
-
-@compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
-def _chordwise_momentum(count, stretching, weights, inertia, momentum):
-    """Multiply rates of stretch (m, count) by the chordwise mass matrix, into `momentum` (m, count) [kg m^2], side by side.
-
-    `inertia` is the full matrix (m, m) at quadrature points, or (2, m) its factors on links: a link that stretches moves all
-    particles above it, minus a uniform contraction that keeps the chord length.
-    """
-    m = weights.size
-    if inertia.shape[0] != 2:  # full matrix, at quadrature points
-        for j in range(m):
-            for t in range(count):
-                momentum[j, t] = 0.0
-            for k in range(m):
-                for t in range(count):
-                    momentum[j, t] += inertia[j, k] * stretching[k, t]
-        return
-    for t in range(count):
-        total, mean = 0.0, 0.0
-        for j in range(m):
-            total += weights[j] * stretching[j, t]
-            momentum[j, t] = total
-        for j in range(m):
-            momentum[j, t] = inertia[0, j] * (momentum[j, t] - inertia[1, j] * total)
-            mean += inertia[1, j] * momentum[j, t]
-        above = -mean
-        for back in range(m):
-            j = m - 1 - back
-            above += momentum[j, t]
-            momentum[j, t] = weights[j] * above
-
-
-@compiled
-def _stretch_at(strain, squared, green):
-    """Return the chordwise stretch for a chordwise force over K and a squared slope, where it rises with the force; or nan.
-
-    There the force is a convex function of a positive stretch, so that Newton's method converges from above.  Links with slopes
-    above one turn back along the chord before they buckle; the force is odd in the stretch.
-    """
-    sign, least = 1.0, 0.0
-    if squared < 1.0:
-        least = math.sqrt((1.0 - squared) / 3.0 if green else squared ** (2.0 / 3.0) - squared)
-    elif strain < 0.0:
-        sign, strain = -1.0, -strain
-    stretch = 1.0 + max(strain, 0.0)
-    for _ in range(SAFE_ITERATIONS):
-        if green:
-            force = 0.5 * stretch * (stretch * stretch + squared - 1.0)
-            tangent = 0.5 * (3.0 * stretch * stretch + squared - 1.0)
-        else:
-            inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-            force, tangent = stretch * (1.0 - inverse), 1.0 - squared * inverse * inverse * inverse
-        change = (force - strain) / tangent
-        if change <= ROUNDING * stretch:  # all corrections are downwards, but for rounding
-            return sign * stretch
-        stretch -= change
-        if not stretch > least:
-            break
-    return np.nan
-
-
-@compiled
-def _reach_at(chord_tension, load_force, squared, weights, stiffness, green, stretch):
-    """Fill the chordwise stretch (m,) for H [N]; return the distance of the ends [m], nan where a link carries no such force."""
-    reach = 0.0
-    for j in range(weights.size):
-        stretch[j] = _stretch_at((chord_tension + load_force[j]) / stiffness, squared[j], green)
-        reach += weights[j] * stretch[j]
-    return reach
-
-
-@compiled
-def _close_from_nothing(weights, chord, stiffness, green, load_force, squared, stretch):
-    """Solve the closure by halving, from no guess, where the distance of the ends rises with H.
-
-    Parameters
-    ----------
-    weights, chord, stiffness, green
-        As in :func:`_close`.
-    load_force, squared
-        Chordwise forces of the loads [N] and squared slopes (m,).
-    stretch
-        Filled: chordwise stretch (m,).
-
-    Returns
-    -------
-    float
-        H [N]; nan where there is none, as the ends are nearer to each other than the links can be pushed together.
-    """
-    low, high, width = -stiffness, 0.0, 1e-3 * stiffness
-    for j in range(weights.size):
-        low, high = min(low, -stiffness - load_force[j]), max(high, -load_force[j])
-    for _ in range(SAFE_ITERATIONS):
-        if _reach_at(high, load_force, squared, weights, stiffness, green, stretch) >= chord:
-            break
-        low, high, width = high, high + width, 2.0 * width
-    for _ in range(SAFE_ITERATIONS):
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if _reach_at(middle, load_force, squared, weights, stiffness, green, stretch) >= chord:
-            high = middle
-        else:  # also where a link buckles
-            low = middle
-    reach = _reach_at(high, load_force, squared, weights, stiffness, green, stretch)
-    return high if abs(reach - chord) <= SAFE_RTOL * chord else np.nan
-
-
-@compiled
-def close_all(squared, tau, weights, chord, stiffness, green, chord_tension, stretch):
-    """Solve the closure for shapes at many times.
-
-    Parameters
-    ----------
-    squared, tau
-        Squared slopes and chordwise forces of the loads [N], (times, m).
-    weights, stiffness, green
-        As in :func:`_close`.
-    chord
-        Distance of the ends (times,) [m].
-    chord_tension, stretch
-        Filled: H (times,) [N], nan where there is none, and chordwise stretch (times, m); the first entries are guesses.
-    """
-    work = np.empty((CLOSURE_ROWS, weights.size))
-    guess, last = chord_tension[0], -1
-    for i in range(chord.size):
-        # from one shape to the next, with intermediate shapes where Newton's method does not converge at once
-        for parts in INCREMENTS:
-            chord_tension[i] = guess
-            before = max(last, 0)
-            for j in range(weights.size):
-                stretch[i, j] = stretch[before, j]
-            for part in range(1, parts + 1):
-                weight = part / parts
-                for j in range(weights.size):
-                    work[SLOPE_SQUARED, j] = (1.0 - weight) * squared[before, j] + weight * squared[i, j]
-                    work[LOAD_FORCE, j] = (1.0 - weight) * tau[before, j] + weight * tau[i, j]
-                reach = (1.0 - weight) * chord[before] + weight * chord[i]
-                chord_tension[i] = _close(weights, reach, stiffness, green, chord_tension[i], stretch[i], work)
-            if last < 0 or abs(chord_tension[i]) < np.inf:  # at first there is no shape to begin with
-                break
-        if not abs(chord_tension[i]) < np.inf:
-            chord_tension[i] = _close_from_nothing(weights, chord[i], stiffness, green, tau[i], squared[i], stretch[i])
-        if abs(chord_tension[i]) < np.inf:
-            guess, last = chord_tension[i], i
+    for member in range(q.shape[0]):
+        own, row = _of_member(terms, member), rows[member]
+        mean = own.mean_chordwise_forces
+        of_member = tension[member : member + 1]
+        _forces(Sizes((0,), q[member], mean, row[1 + mean.size :]), own, row, 0, q[member], of_member, f[member])
+        _fill_tangent(own, row, 0, q[member], tension[member], tangent[member])

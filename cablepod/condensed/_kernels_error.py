@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.condensed._kernels_closure import _chordwise_momentum, _newton_green, _newton_linear
+from cablepod.condensed._kernels_closure import _chord_tensions, _forces, _of_member
+from cablepod.condensed._kernels_exact_closure import _chordwise_momentum, _newton_green, _newton_linear
 from cablepod.condensed._kernels_layout import BLOCK
-from cablepod.condensed._kernels_terms import _chord_tensions, _forces, _of_member
 
 #: Mass that is added to unresolved modes, over their stiffness times the squared step (stable above a quarter), and part of the
 #: stability margin of the others that the stiffness of the sag may use.

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.condensed._kernels_closure import _chordwise_momentum, _close
 from cablepod.condensed._kernels_dense import _solve
+from cablepod.condensed._kernels_exact_closure import _chordwise_momentum, _close
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
     CLOSURE_ROWS,

@@ -1,15 +1,15 @@
 """Compiled explicit steps of the condensed model to leading order: Numerov's method with a prediction, velocity Verlet.
 
-The schemes know no physics: terms are in :mod:`cablepod.condensed._kernels_terms`, what is kept of a run in
+The schemes know no physics: terms are in :mod:`cablepod.condensed._kernels_closure`, what is kept of a run in
 :mod:`cablepod.condensed._kernels_recorder`.  Members lie in lanes, as there.
 """
 
 from __future__ import annotations
 
 from cablepod._jit import FUSED, compiled
+from cablepod.condensed._kernels_closure import _forces
 from cablepod.condensed._kernels_rates import _add_held_drag, _add_rate_forces, _apply_dampers
 from cablepod.condensed._kernels_recorder import _monitor_step, _update_extremes
-from cablepod.condensed._kernels_terms import _forces
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
@@ -78,7 +78,7 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     Parameters
     ----------
     sizes, terms, bounds, links
-        See :mod:`cablepod.condensed._kernels_terms` and :mod:`cablepod.condensed._kernels_recorder`.
+        See :mod:`cablepod.condensed._kernels_closure` and :mod:`cablepod.condensed._kernels_recorder`.
     damped, state, record
         See above.  At the start `state.v` holds the rates; later, and on return, (u - u(t - h)) / h for u = q now.
     rows, steps

@@ -23,6 +23,7 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.condensed._kernels_closure import _forces
 from cablepod.condensed._kernels_drag import _add_drag
 from cablepod.condensed._kernels_frame import _complete_axes
 from cablepod.condensed._kernels_host_layout import (
@@ -100,7 +101,6 @@ from cablepod.condensed._kernels_layout import (
     Sizes,
 )
 from cablepod.condensed._kernels_recorder import _monitor_step
-from cablepod.condensed._kernels_terms import _forces
 
 #: The number of load patterns as a constant of the compiled code, see :class:`cablepod.condensed._kernels_layout.Sizes`.
 TWO_PATTERNS = (0,) * PATTERNS

@@ -18,10 +18,7 @@ AIR_ROWS = 5
 MIN_FORCE, MIN_FORCE_STEP = 0, 1  #: least chordwise force [N] and number of its step
 MAX_OMEGA_SQUARED, OMEGA_SQUARED_LIMIT = 2, 3  #: largest squared frequency so far, largest that the step allows [1/s^2]
 UNSTABLE_STEP = 4  #: number of the first step whose frequency reached the limit; inf where none did
-CHORD_TENSION, PREDICTED_TENSION = (
-    5,
-    6,
-)  #: H of the last step, first guess of H for the next [N]; orders "exact", "inertial"
+CHORD_TENSION, PREDICTED_TENSION = 5, 6  #: orders "exact", "inertial": H of the last step, first guess for the next [N]
 MONITOR_ROWS = 7
 # Work array (CLOSURE_ROWS, m) of the closure and of the exact forces, a column for each link or quadrature point.
 FORCE = 0  #: chordwise force N [N]
@@ -32,17 +29,6 @@ WEIGHTED_STIFFNESS = 3  #: later, in place of LOAD_FORCE: weight times transvers
 SLOPE_SQUARED = 4  #: squared slope w'^2
 CURVATURE = 5  #: half the second derivative of the law over its first
 CLOSURE_ROWS = 6
-# Work array (LINK_ROWS, n) of the link tensions to leading order.
-SLOPE_IN_PLANE, SLOPE_OUT_OF_PLANE = 0, 1  #: slope of the deflection
-LINK_FORCE = 2  #: chordwise force N [N]
-LINK_ROWS = 3
-# Numbers of a member in a lane (MEMBER_ROWS, lanes).
-STIFFNESS, LENGTH, MASS = 0, 1, 2  #: K [N], L0 [m], mass per length [kg/m]
-SAG_STIFFNESS, KAPPA_MAX = 3, 4  #: K / 2 L0 [N/m], largest squared slope norm [1/(kg m)]
-INVERSE_LENGTH = 5  #: 1 / L0 [1/m]
-UNIFORM, SAG = 6, 7  #: the squared slopes have the factor uniform + sag times the profile of those at rest
-DAMPING_FACTOR, IMPULSE = 8, 9  #: factor of the rates by damping over a step, rate gained for unit acceleration [s]
-MEMBER_ROWS = 10
 
 
 class Sizes(NamedTuple):
@@ -229,9 +215,13 @@ class ErrorTerms(NamedTuple):
     slopes: np.ndarray  #: slopes of the enriched ones (R, m)
     in_plane: int  #: number of the motion's in-plane coordinates
     enriched_in_plane: int  #: the same of the enriched model
-    inertia: np.ndarray  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_closure._chordwise_momentum`
+    inertia: (
+        np.ndarray
+    )  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_exact_closure._chordwise_momentum`
     damping: np.ndarray  #: by mass, a number of each member [1/s]
-    springs: np.ndarray | None  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]; None without
+    springs: (
+        np.ndarray | None
+    )  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]; None without
     green: bool  #: whether law (21) holds
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure
@@ -244,3 +234,27 @@ def initial_monitor(omega_squared_limit: float, chord_tension: float) -> np.ndar
     monitor[OMEGA_SQUARED_LIMIT] = omega_squared_limit
     monitor[CHORD_TENSION] = monitor[PREDICTED_TENSION] = chord_tension
     return monitor
+
+
+def constant_sizes(size: int, patterns: int, normal_loads: int, lanes: int = 1) -> Sizes:
+    """Return numbers that are constants of the compiled code, which is compiled for each of them."""
+    return Sizes(*((0,) * number for number in (lanes, size, patterns, normal_loads)))
+
+
+def runtime_sizes(size: int, patterns: int, normal_loads: int) -> Sizes:
+    """Return numbers of one lane that one compilation serves."""
+    return Sizes((0,), *(np.empty(number) for number in (size, patterns, normal_loads)))
+
+
+def terms_of_lane(
+    stiffness: float,
+    length: float,
+    kappa: np.ndarray,
+    mean_chordwise_forces: np.ndarray,
+    geometric_stiffness: np.ndarray,
+    load_projection: np.ndarray,
+) -> LeadingTerms:
+    """Return the coefficients of one lane, from K [N], L0 [m] and arrays as in :class:`LeadingTerms` of any dimensions."""
+    numbers = (np.array([number]) for number in (stiffness, 1.0 / length, 0.5 * stiffness / length))
+    arrays = (kappa, mean_chordwise_forces, geometric_stiffness, load_projection)
+    return LeadingTerms(*numbers, *(np.ravel(array) for array in arrays))

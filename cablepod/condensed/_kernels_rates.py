@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from cablepod._jit import FUSED, compiled
+from cablepod.condensed._kernels_closure import _chord_tensions, _geometric_forces
 from cablepod.condensed._kernels_drag import _add_body_drag, _add_drag_at, _extrapolate_drag, _weights_of_drag
-from cablepod.condensed._kernels_terms import _geometric_forces
+from cablepod.condensed._kernels_layout import Sizes
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
@@ -76,3 +77,19 @@ def _add_held_drag(air, q, u, stretch, exact, number, step, f):
         _extrapolate_drag(_weights_of_drag(air.hold), number == 0, now, before, old, held)
     for j in range(held.size):
         f[j] += held[j]
+
+
+@compiled(counted=False)
+def rate_forces(terms, rate_terms, rows, q, u, work, f, tension):
+    """Fill the damping f (times, r) of rates u at coordinates q (times, r), and H (times,) [N].
+
+    `rows` are the boundary data (times, columns); `work` (r,) is overwritten.
+    """
+    mean = terms.mean_chordwise_forces
+    for t in range(q.shape[0]):
+        row, of_time = rows[t], tension[t : t + 1]
+        sizes = Sizes((0,), q[t], mean, row[1 + mean.size :])
+        _chord_tensions(sizes, terms, row, 0, q[t], of_time)
+        for j in range(q.shape[1]):
+            f[t, j] = 0.0
+        _add_rate_forces(sizes, terms, rate_terms, row, 0, of_time, u[t], work, f[t])

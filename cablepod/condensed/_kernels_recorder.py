@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FUSED, REORDERED_FUSED, compiled
+from cablepod.condensed._kernels_closure import _chord_tensions, _of_member
 from cablepod.condensed._kernels_layout import (
     MAX_OMEGA_SQUARED,
     MIN_FORCE,
@@ -15,7 +16,6 @@ from cablepod.condensed._kernels_layout import (
     UNSTABLE_STEP,
     Sizes,
 )
-from cablepod.condensed._kernels_terms import _chord_tensions, _of_member
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)

@@ -18,9 +18,9 @@ from cablepod.condensed._kernels_layout import (
     LeadingTerms,
     Links,
     Record,
+    constant_sizes,
 )
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER, damped_step
-from cablepod.condensed._terms import constant_sizes
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within
@@ -209,7 +209,9 @@ class _Group:
         low, high = np.full(size, np.inf), np.full(size, -np.inf)
         self.links = Links.of(slopes, plan.unit.n_in_plane, patterns, low, high)
         none = np.empty(0)
-        self.links_outside = self.links._replace(low=none, high=none) if links else None  #: of the window; None: no extremes
+        self.links_outside = (
+            self.links._replace(low=none, high=none) if links else None
+        )  #: of the window; None: no extremes
         self.damped = damped_step(p.damping[members], 1.0 / instants.steps_per_second, lanes.scheme)
         self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
         limit = (lanes.stable_phase * instants.steps_per_second) ** 2
@@ -261,7 +263,7 @@ class _Group:
 
     def _boundary_data(self, begin: int, steps: int) -> np.ndarray:
         """Return the boundary data of the steps `begin` ... `begin + steps` (steps + 1, columns, lanes), flat."""
-        from cablepod.condensed import _kernels_lanes as kernel
+        from cablepod.condensed import _kernels_frame as kernel
 
         sizes, columns = self.lanes.sizes, 1 + len(self.lanes.sizes.patterns) + len(self.lanes.sizes.normal_loads)
         before = begin % BLOCK  # rotations start at whole blocks

@@ -11,13 +11,21 @@ import numpy as np
 from cablepod.chain._start import start
 from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities
-from cablepod.condensed._frequency_bound import largest_frequencies_squared, longest_chord
-from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
+from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities, longest_chord
+from cablepod.condensed._kernels_layout import (
+    Bounds,
+    ExactTerms,
+    ExactWork,
+    LeadingTerms,
+    Sizes,
+    constant_sizes,
+    runtime_sizes,
+    terms_of_lane,
+)
 from cablepod.condensed._newton import equilibria
-from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
+from cablepod.discretisation._step_limit import largest_frequencies_squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,8 +329,8 @@ class CondensedModel(Coefficients):
         self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Return undamped forces (r,), their tangent (r, r), mass matrix (r, r) and H [N] of one state."""
+        from cablepod.condensed import _kernels_closure as kernel_leading
         from cablepod.condensed import _kernels_exact as kernel_exact
-        from cablepod.condensed import _kernels_leading as kernel_leading
         from cablepod.condensed._kernels_layout import CLOSURE_ROWS
 
         r = q.size

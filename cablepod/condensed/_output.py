@@ -1,9 +1,10 @@
-"""Condensed trajectories as labelled Datasets, with their diagnostics as attributes."""
+"""Condensed trajectories as labelled Datasets, with their diagnostics as attributes; why runs stop, with the result so far."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import xarray as xr
@@ -12,13 +13,14 @@ from cablepod.condensed._fields import (
     CondensedTrajectory,
     boundary_data_of,
     close_chord_of,
+    close_outputs,
     link_tensions,
     positions_of,
     selected_tensions,
     tension_means,
     velocities,
 )
-from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
+from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, MIN_FORCE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.integrate._means import wants_means
@@ -38,7 +40,7 @@ from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes
 
 if TYPE_CHECKING:
-    from cablepod.condensed._runs import CondensedRequest, CondensedResult
+    from cablepod.condensed._runs import CondensedRequest, CondensedResult, CondensedRun
 
 
 def labels_of(model: CondensedModel, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -172,3 +174,50 @@ def result_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRe
     """Make the Dataset of one run."""
     attrs = attributes_of(solution, modes, request)
     return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)
+
+
+def stop_unstable(run: CondensedRun, state: CondensedTrajectory, step_number: int) -> NoReturn:
+    """Stop a run whose frequencies have outgrown the step."""
+    limit = 2 / math.sqrt(state.monitor[MAX_OMEGA_SQUARED])
+    rate = state.instants.steps_per_second
+    time = step_number / rate
+    why = (
+        f"the condensed model stiffened: from {time:.6g} s on its stability limit is below the step "
+        f"{1.0 / rate:.6g} s ({run.scheme}), at least {limit:.6g} s; try a shorter step, or scheme trapezoidal"
+    )
+    _stop(run, state, time, why)
+
+
+def stop_diverged(run: CondensedRun, state: CondensedTrajectory, step_number: int) -> NoReturn:
+    """Stop a run that has left the finite numbers, or whose steps found no equilibrium along the chord."""
+    rate = state.instants.steps_per_second
+    time = step_number / rate
+    why = (
+        f"the condensed model left the finite numbers or found no equilibrium along the chord at {time:.6g} s "
+        f"({run.scheme}, step {1.0 / rate:.4g} s, step number {step_number}, least chordwise force "
+        f"{state.monitor[MIN_FORCE]:.3g} N); try a shorter step or, where the cable goes slack, chain.simulate"
+    )
+    _stop(run, state, time, why)
+
+
+def stop_open(run: CondensedRun, state: CondensedTrajectory, time: float) -> NoReturn:
+    """Stop a run at the first instant [s] whose chord does not close."""
+    why = (
+        f"the condensed model found no equilibrium along the chord at {time:.6g} s: the ends are nearer to each other than links "
+        f"of these slopes can be pushed together ({run.scheme}, step {1.0 / state.instants.steps_per_second:.4g} s, least "
+        f"chordwise force {state.monitor[MIN_FORCE]:.3g} N); try chain.simulate"
+    )
+    _stop(run, state, time, why)
+
+
+def _stop(run: CondensedRun, state: CondensedTrajectory, time: float, why: str) -> NoReturn:
+    """Raise :class:`cablepod.errors.RunStopped` with the result at the instants before `time` [s]."""
+    instants, partial = state.only(run.times).instants.before_time(time), None
+    if instants is not None:
+        rows = np.searchsorted(state.instants.steps, instants.steps)
+        saved, half_step_rates = state.saved[rows], state.half_step_rates[rows]
+        part = CondensedTrajectory(instants, saved, half_step_rates, None, state.monitor, run.scheme)
+        if not run.leading and (earlier := close_outputs(run.model, part)) is not None:
+            stop_open(run, state, earlier)
+        partial = dataset(run.model, part, attributes(run.model, part, None), ("position",), "stopped")
+    run.stop(partial, time, why)

@@ -16,8 +16,8 @@ from cablepod.condensed._estimate import MAX_SAMPLES, estimate, motion_of, sampl
 from cablepod.condensed._fields import CondensedTrajectory, close_outputs, positions
 from cablepod.condensed._kernels_layout import UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._output import stop_diverged, stop_open, stop_unstable
 from cablepod.condensed._stepper import FOURTH_ORDER, BoundaryDataOfTwo, CondensedStepper
-from cablepod.condensed._stops import stop_diverged, stop_open, stop_unstable
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error

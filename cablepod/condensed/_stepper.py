@@ -206,7 +206,7 @@ class CondensedStepper:
 
             kernel.exact_verlet(*shared, self._damped, self.rate_terms, self.air, *outputs)
             return None
-        from cablepod.condensed import _kernels_exact_implicit as kernel_implicit
+        from cablepod.condensed import _kernels_implicit as kernel_implicit
 
         return kernel_implicit.exact_trapezoidal(
             *shared, self.step, model.chain.p.damping, self.modal_damping, *outputs

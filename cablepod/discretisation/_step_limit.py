@@ -78,3 +78,28 @@ def _viscous_limit(omega: float, viscosity: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if spectral_radius(middle) <= 1.0 + 1e-12 else (low, middle)
     return low / omega
+
+
+def largest_frequencies_squared(
+    kappa: np.ndarray,
+    norms: np.ndarray,
+    stiffness: float | np.ndarray,
+    q: np.ndarray,
+    rows: np.ndarray,
+    chord_tension: float | np.ndarray,
+) -> np.ndarray:
+    """Return |H| max kappa + K / L0 sum (kappa q)^2 + sum |g_a| |G_a|, which bounds squared angular frequencies [1/s^2].
+
+    All arrays may have a leading dimension of members.
+
+    Parameters
+    ----------
+    kappa, norms
+        Squared slope norms (r,) [1/(kg m)], spectral norms of the geometric stiffness (patterns,).
+    stiffness, chord_tension
+        K / L0 [N/m] and H [N], numbers or (members,).
+    q, rows
+        Coordinates (r,) and boundary data (columns,).
+    """
+    loads = (np.abs(rows[..., 1 : 1 + norms.shape[-1]]) * norms).sum(axis=-1)
+    return np.abs(chord_tension) * kappa.max(axis=-1) + stiffness * ((kappa * q) ** 2).sum(axis=-1) + loads

@@ -151,7 +151,7 @@ class GalerkinEstimate:
 
         The derivatives are relative to the line between the ends, which the enriched model adds.
         """
-        from cablepod.condensed import _kernels_fields as kernel  # numba is imported only to compute
+        from cablepod.galerkin import _kernels_estimate as kernel  # numba is imported only to compute
 
         mean, fields = self._projection
         by_axis = samples.states.reshape(-1, len(fields)) @ fields.reshape(len(fields), -1)
@@ -173,7 +173,7 @@ class GalerkinEstimate:
 
         It is infinite where they run back along the chord.
         """
-        from cablepod.condensed import _kernels_fields as kernel  # numba is imported only to compute
+        from cablepod.galerkin import _kernels_estimate as kernel  # numba is imported only to compute
 
         model, states = self.model, samples.states[0, chosen]
         position = (states @ model.fields_of_projections.reshape(states.shape[1], -1)).reshape(-1, *model.shape.shape)

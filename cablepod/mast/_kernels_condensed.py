@@ -20,8 +20,8 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.condensed._kernels_closure import _chord_tensions
 from cablepod.condensed._kernels_drag import _spatial_law
-from cablepod.condensed._kernels_terms import _chord_tensions
 from cablepod.mast._kernels_layout import (
     DIVERGED,
     DONE,

@@ -76,14 +76,14 @@ def close_chord(
         reduced = squared * condensed.slope_factor
         tension, stretch = close_leading(reduced, tau, chain.length, data[:, 0], k, relative_compliance(chain))
     else:
-        from cablepod.condensed import _kernels_closure  # numba is imported only to compute
+        from cablepod.condensed import _kernels_exact_closure  # numba is imported only to compute
 
         chord, tension, stretch = data[:, 0].copy(), np.empty(len(q)), np.empty_like(squared)
         stretch[0], tension[0] = (
             condensed.stretch_guess(data[0]),
             condensed.tension_guess(data[0], q[0, : condensed.slope_norms_squared.size]),
         )
-        _kernels_closure.close_all(squared, tau, chain.length, chord, k, False, tension, stretch)
+        _kernels_exact_closure.close_all(squared, tau, chain.length, chord, k, False, tension, stretch)
     return stretch, tension[:, None] + tau, squared
 
 

@@ -81,7 +81,7 @@ class GeneralSolver(Solver):
 
     def _exact(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "exact": the chordwise stretch of each link by the closure."""
-        from cablepod.condensed import _kernels_closure  # numba is imported only to compute
+        from cablepod.condensed import _kernels_exact_closure  # numba is imported only to compute
 
         model, condensed, chain = self.model, self.model.condensed, self.model.condensed.chain
         frequency, length, _ = model.scales
@@ -107,7 +107,7 @@ class GeneralSolver(Solver):
         first[:n] = length * q[0]
         tension[0] = condensed.tension_guess(data[0], first[: condensed.slope_norms_squared.size])
         stretch[0] = condensed.stretch_guess(data[0])
-        _kernels_closure.close_all(squared, tau, chain.length, data[:, 0].copy(), k, False, tension, stretch)
+        _kernels_exact_closure.close_all(squared, tau, chain.length, data[:, 0].copy(), k, False, tension, stretch)
         chordwise = tension[:, None] + tau
         xi = np.sqrt(stretch**2 + squared)
         # derivatives of the stretch: by the chordwise force, and by a slope, divided by minus that slope

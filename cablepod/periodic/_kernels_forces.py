@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
+from cablepod.condensed._kernels_closure import _chord_tensions, _fill_tangent, _forces
 from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
 from cablepod.condensed._kernels_rates import _add_rate_forces
-from cablepod.condensed._kernels_terms import _chord_tensions, _fill_tangent, _forces
 from cablepod.periodic._kernels_layout import Forced
 
 #: Change of omega for derivatives, a power of two: a taut cable remains taut.  Forces are linear in the boundary data.

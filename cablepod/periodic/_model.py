@@ -10,11 +10,10 @@ import xarray as xr
 
 from cablepod.chain._start import rest_shape
 from cablepod.condensed._assembly import unit_of
-from cablepod.condensed._kernels_layout import LeadingTerms
+from cablepod.condensed._kernels_layout import LeadingTerms, terms_of_lane
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._rest_tangent import RestTangent, vibrations
-from cablepod.condensed._terms import terms_of_lane
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice
@@ -208,7 +207,7 @@ class PeriodicModel:
     @cached_property
     def tangent_at_rest(self) -> np.ndarray:
         """Stiffness at rest (r, r) [1/s^2], to leading order."""
-        from cablepod.condensed._kernels_leading import leading_forces  # numba is imported only to compute
+        from cablepod.condensed._kernels_closure import leading_forces  # numba is imported only to compute
 
         terms = LeadingTerms(*(array[None] for array in self._terms_si))
         force, tangent = np.empty((1, self.size)), np.empty((1, self.size, self.size))

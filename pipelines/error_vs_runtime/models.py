@@ -361,7 +361,7 @@ COMPILED = (
     "cablepod.condensed._kernels_explicit.numerov",
     "cablepod.condensed._kernels_implicit.trapezoidal",
     "cablepod.condensed._kernels_exact.exact_verlet",
-    "cablepod.condensed._kernels_exact_implicit.exact_trapezoidal",
+    "cablepod.condensed._kernels_implicit.exact_trapezoidal",
 )
 TABLES = (
     "cablepod.parameters._time_functions.TimeFunction.__call__",

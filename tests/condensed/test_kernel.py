@@ -7,7 +7,7 @@ import pytest
 from scenes import everything, full_modes, spatial
 
 import cablepod as cp
-from cablepod.condensed import _kernels_closure as kernel
+from cablepod.condensed import _kernels_exact_closure as kernel
 from cablepod.condensed import _stepper
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod.condensed import _fields as fields
-from cablepod.condensed._kernels_closure import close_all
+from cablepod.condensed._kernels_exact_closure import close_all
 from cablepod.discretisation._laws import law_tension
 from cablepod.errors import RunStopped
 

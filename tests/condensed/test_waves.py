@@ -10,7 +10,7 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import cablepod as cp
-from cablepod.condensed import _waves as waves
+from cablepod.condensed import _estimate_neglected as waves
 from cablepod.parameters._from_scene import parameters
 
 LENGTH = 9.2

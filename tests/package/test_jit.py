@@ -136,9 +136,9 @@ def test_a_kernel_is_compiled_once_for_all_integers_and_anew_for_none(tmp_path):
 
 def test_kernels_that_take_arrays_from_an_uncounted_one_count_no_references_either():
     # a counted caller would free the arrays that _of_member returns, which count for the arguments
-    from cablepod.condensed import _kernels_error, _kernels_leading, _kernels_recorder
+    from cablepod.condensed import _kernels_closure, _kernels_error, _kernels_recorder
 
-    modules = _kernels_error, _kernels_leading, _kernels_recorder
+    modules = _kernels_closure, _kernels_error, _kernels_recorder
     callers = [
         kernel
         for module in modules

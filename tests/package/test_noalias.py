@@ -95,7 +95,7 @@ for dims in (2, 3):
 #: Kernels that each run must call.
 KERNELS = {
     "condensed": (
-        "_kernels_terms",
+        "_kernels_closure",
         "_kernels_recorder",
         "_kernels_explicit",
         "_kernels_frame",

@@ -13,7 +13,7 @@ import cablepod
 
 #: Term -> its file, the line of its sign, and that line with the other sign.
 SIGNS = {
-    "closure": ("condensed/_kernels_terms.py", "tension[m] += terms.sag_stiffness[m]", "tension[m] -= terms.sag_stiffness[m]"),
+    "closure": ("condensed/_kernels_closure.py", "tension[m] += terms.sag_stiffness[m]", "tension[m] -= terms.sag_stiffness[m]"),
     "drag": (
         "condensed/_kernels_drag.py", "return chordwise * normal - slope * along", "return chordwise * normal + slope * along"
     ),
