@@ -78,11 +78,11 @@ def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.nda
             np.matmul(terms.slopes_of_motion[:, :, which], across, out=slopes[:, plane, order])
     along = rows[:, :, 1 : 1 + terms.force_patterns.shape[2]]
     force = terms.force_patterns @ np.swapaxes(along, 1, 2)
-    change, largest_force = np.empty((members, samples)), np.empty((members, samples))
+    change, largest_force = tensions = np.empty((2, members, samples))
     kernel.exact_forces(
         terms.sizes, terms.enriched, terms.weights, terms.flexibility, terms.inertia, terms.green, terms.leading,
         terms.corrections, np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)),
-        np.empty((SUMS, BLOCK)), change, largest_force,
+        np.empty((SUMS, BLOCK)), tensions,
     )  # fmt: skip
     enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
     for plane, which in zip(range(len(planes)), enriched, strict=False):

@@ -108,8 +108,7 @@ def _fill_forces_on_slopes(weights, shift, begin, end, force, fields, sums, slop
 
 @compiled(fastmath=FAST_DIVISION, counted=False)
 def exact_forces(
-    sizes, enriched, weights, flexibility, inertia, green, leading, corrections, rows, y, force, slopes, fields, sums,
-    tension_change, largest_force,
+    sizes, enriched, weights, flexibility, inertia, green, leading, corrections, rows, y, force, slopes, fields, sums, tensions
 ):  # fmt: skip
     """Compute the exact forces on the slopes of motions at points along cables, less those to leading order.
 
@@ -130,8 +129,8 @@ def exact_forces(
         without a rate are replaced by the forces times the weights.
     fields, sums
         Work arrays (FIELDS, m, BLOCK) and (SUMS, BLOCK).
-    tension_change, largest_force
-        Filled: change of H by the exact closure, and largest chordwise force (members, samples) [N].
+    tensions
+        Filled: change of H by the exact closure, and largest chordwise force (2, members, samples) [N].
     """
     shift, samples, columns = 0.0 if leading else 1.0, y.shape[1], rows.shape[2]
     for member in range(y.shape[0]):
@@ -147,8 +146,8 @@ def exact_forces(
             _chordwise_momentum(end - begin, fields[SECOND_RATE], weights[member], inertia[member], fields[MOMENTUM])
             _fill_forces_on_slopes(weights[member], shift, begin, end, force[member], fields, sums, slopes[member])
             for t in range(begin, end):
-                tension_change[member, t] = sums[TENSION_CHANGE, t - begin]
-                largest_force[member, t] = sums[LARGEST_FORCE, t - begin] + shift * sums[TENSION_CHANGE, t - begin]
+                tensions[0, member, t] = sums[TENSION_CHANGE, t - begin]
+                tensions[1, member, t] = sums[LARGEST_FORCE, t - begin] + shift * sums[TENSION_CHANGE, t - begin]
 
 
 @compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
