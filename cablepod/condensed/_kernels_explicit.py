@@ -15,10 +15,8 @@ from cablepod.condensed._kernels_recorder import _monitor_step, _update_extremes
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
 def _add_excess(sizes, damped, q, f):
     """Add c^2 q / 4 to accelerations f (r, lanes): with it exp(c t / 2) q moves without damping."""
-    lanes = len(sizes.lanes)
-    for j in range(len(sizes.modes)):
-        for m in range(lanes):
-            f[j * lanes + m] += 0.25 * damped.damping[m] * damped.damping[m] * q[j * lanes + m]
+    for k in range(len(sizes.modes) * len(sizes.lanes)):
+        f[k] += 0.25 * damped.damping[k] * damped.damping[k] * q[k]
 
 
 @compiled(fastmath=FUSED, noalias=True, counted=False)
@@ -28,39 +26,31 @@ def _start_numerov(sizes, terms, damped, rows, state):
     The first step is that of the parabola through the forces at the first three instants, which two corrections find: the first
     leaves an error of fifth order.  The force before the start is that of the parabola.
     """
-    lanes, size = len(sizes.lanes), len(sizes.modes)
+    n, lanes = len(sizes.modes) * len(sizes.lanes), len(sizes.lanes)
     columns = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes
     last, h = rows.size // columns - 1, damped.step
     q, v, before, earlier, f, rate, new_q, tension = state
-    for j in range(size):
-        for m in range(lanes):
-            k = j * lanes + m
-            v[k] += 0.5 * damped.damping[m] * q[k]
-            rate[k] = v[k] + 0.5 * h * f[k]
+    for k in range(n):
+        v[k] += 0.5 * damped.damping[k] * q[k]
+        rate[k] = v[k] + 0.5 * h * f[k]
     for trial in range(4):  # one step ahead, two steps ahead, and both again
         ahead = 1 + trial % 2
-        for j in range(size):
-            for m in range(lanes):
-                k, decay = j * lanes + m, damped.decay[m]
-                new_q[k] = decay * (q[k] + h * rate[k])
-                if ahead == 2:
-                    new_q[k] = decay * decay * (q[k] + h * (2.0 * rate[k] + h * before[k]))
+        for k in range(n):
+            new_q[k] = damped.decay[k] * (q[k] + h * rate[k])
+            if ahead == 2:
+                new_q[k] = damped.decay[k] * damped.decay[k] * (q[k] + h * (2.0 * rate[k] + h * before[k]))
         _forces(sizes, terms, rows, min(ahead, last) * columns, new_q, tension, earlier)
         _add_excess(sizes, damped, new_q, earlier)
-        for j in range(size):
-            for m in range(lanes):
-                k = j * lanes + m
-                earlier[k] *= damped.impulse[m]
-                if ahead == 1:
-                    before[k] = earlier[k]
-                else:
-                    earlier[k] *= damped.impulse[m]
-                    rate[k] = v[k] + h / 24.0 * (7.0 * f[k] + 6.0 * before[k] - earlier[k])
-    for j in range(size):
-        for m in range(lanes):
-            k = j * lanes + m
-            v[k] = rate[k]
-            before[k] = damped.impulse[m] * (3.0 * f[k] - 3.0 * before[k] + earlier[k])
+        for k in range(n):
+            earlier[k] *= damped.impulse[k]
+            if ahead == 1:
+                before[k] = earlier[k]
+            else:
+                earlier[k] *= damped.impulse[k]
+                rate[k] = v[k] + h / 24.0 * (7.0 * f[k] + 6.0 * before[k] - earlier[k])
+    for k in range(n):
+        v[k] = rate[k]
+        before[k] = damped.impulse[k] * (3.0 * f[k] - 3.0 * before[k] + earlier[k])
 
 
 @compiled(fastmath=FUSED, noalias=True, counted=False)
@@ -93,7 +83,7 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     -----
     M. M. Chawla, Numerov made explicit has better stability, BIT 24, 117 (1984).
     """
-    lanes, size = len(sizes.lanes), len(sizes.modes)
+    n, lanes = len(sizes.modes) * len(sizes.lanes), len(sizes.lanes)
     columns, h, saved = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes, damped.step, 0
     q, v, before, earlier, f, predicted, new_f, tension = state
     next_output = record.steps[0] if record.steps.size else -1
@@ -102,44 +92,34 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
         if i > 0 and number == 1:
             _start_numerov(sizes, terms, damped, rows, state)
         elif i > 0:
-            for j in range(size):
-                for m in range(lanes):
-                    k = j * lanes + m
-                    predicted[k] = damped.decay[m] * (q[k] + h * (v[k] + h * f[k]))
+            for k in range(n):
+                predicted[k] = damped.decay[k] * (q[k] + h * (v[k] + h * f[k]))
             _forces(sizes, terms, rows, i * columns, predicted, tension, new_f)
             _add_excess(sizes, damped, predicted, new_f)
-            for j in range(size):
-                for m in range(lanes):
-                    k = j * lanes + m
-                    v[k] += h / 12.0 * (damped.impulse[m] * new_f[k] + 10.0 * f[k] + damped.decay[m] * before[k])
+            for k in range(n):
+                v[k] += h / 12.0 * (damped.impulse[k] * new_f[k] + 10.0 * f[k] + damped.decay[k] * before[k])
         if i > 0:
-            for j in range(size):
-                for m in range(lanes):
-                    k = j * lanes + m
-                    q[k] = damped.decay[m] * (q[k] + h * v[k])
-                    v[k] *= damped.decay[m]
-                    earlier[k] = before[k]
-                    before[k] = f[k]
+            for k in range(n):
+                q[k] = damped.decay[k] * (q[k] + h * v[k])
+                v[k] *= damped.decay[k]
+                earlier[k] = before[k]
+                before[k] = f[k]
         _forces(sizes, terms, rows, i * columns, q, tension, f)
         _add_excess(sizes, damped, q, f)
         _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, number, monitor)
         if links is not None and links.low.size:
             _update_extremes(sizes, links, rows, i * columns, q, tension)
         if number == next_output:
-            for j in range(size):
-                for m in range(lanes):
-                    k, damping, decay = j * lanes + m, damped.damping[m], damped.decay[m]
-                    rate = v[k]
-                    if number > 0:
-                        rate += (
-                            h / 24.0 * (7.0 * f[k] + decay * (6.0 * before[k] - decay * earlier[k]))
-                            - 0.5 * damping * q[k]
-                        )
-                    change = 0.5 * h * (f[k] - 0.25 * damping * damping * q[k] - damping * rate)
-                    record.coordinates[saved * size * lanes + k] = q[k]
-                    if record.half_step_rates.size:
-                        record.half_step_rates[2 * saved * size * lanes + k] = rate - change
-                        record.half_step_rates[(2 * saved + 1) * size * lanes + k] = rate + change
+            for k in range(n):
+                damping, decay, rate = damped.damping[k], damped.decay[k], v[k]
+                if number > 0:
+                    past = decay * (6.0 * before[k] - decay * earlier[k])
+                    rate += h / 24.0 * (7.0 * f[k] + past) - 0.5 * damping * q[k]
+                change = 0.5 * h * (f[k] - 0.25 * damping * damping * q[k] - damping * rate)
+                record.coordinates[saved * n + k] = q[k]
+                if record.half_step_rates.size:
+                    record.half_step_rates[2 * saved * n + k] = rate - change
+                    record.half_step_rates[(2 * saved + 1) * n + k] = rate + change
             saved += 1
             next_output = record.steps[saved] if saved < record.steps.size else -1
 
@@ -159,8 +139,8 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
     sizes, terms, bounds, links, damped, rows, steps, begin, record, monitor
         As in :func:`numerov`, without a row after the last step.
     """
-    lanes, size = len(sizes.lanes), len(sizes.modes)
-    n, columns, saved = size * lanes, (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes, 0
+    n, lanes = len(sizes.modes) * len(sizes.lanes), len(sizes.lanes)
+    columns, saved = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes, 0
     q, v, before, _, f, u, work, tension = state
     next_output = record.steps[0] if record.steps.size else -1
     for i in range(steps):
@@ -180,10 +160,8 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
                 record.coordinates[saved * n + k] = q[k]
                 if record.half_step_rates.size:
                     record.half_step_rates[2 * saved * n + k] = v[k]
-        for j in range(size):
-            for m in range(lanes):
-                k = j * lanes + m
-                v[k] = damped.decay[m] * v[k] + damped.impulse[m] * f[k]
+        for k in range(n):
+            v[k] = damped.decay[k] * v[k] + damped.impulse[k] * f[k]
         if rate_terms is not None and rate_terms.dampers.size:
             for k in range(n):
                 u[k] = before[k]

@@ -129,16 +129,12 @@ class Links(NamedTuple):
 
 
 class Damped(NamedTuple):
-    """Step and damping by mass c, for each lane."""
+    """Step and damping by mass c; arrays (r, lanes), flat as the coordinates are."""
 
     step: float  #: h [s]
-    damping: np.ndarray  #: c (lanes) [1/s]
-    decay: (
-        np.ndarray
-    )  #: of the coordinates over a step, exp(-c h / 2) (lanes); velocity Verlet: of the rates, exp(-c h)
-    impulse: (
-        np.ndarray
-    )  #: exp(c h / 2) (lanes); velocity Verlet: rate gained in a step for unit acceleration (lanes) [s]
+    damping: np.ndarray  #: c [1/s]
+    decay: np.ndarray  #: of the coordinates over a step, exp(-c h / 2); velocity Verlet: of the rates, exp(-c h)
+    impulse: np.ndarray  #: exp(c h / 2); velocity Verlet: rate gained in a step for unit acceleration [s]
 
 
 class ExplicitState(NamedTuple):

@@ -212,7 +212,7 @@ class _Group:
         self.links_outside = (
             self.links._replace(low=none, high=none) if links else None
         )  #: of the window; None: no extremes
-        self.damped = damped_step(p.damping[members], 1.0 / instants.steps_per_second, lanes.scheme)
+        self.damped = damped_step(np.tile(p.damping[members], self.r), 1.0 / instants.steps_per_second, lanes.scheme)
         self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
         limit = (lanes.stable_phase * instants.steps_per_second) ** 2
         self.monitor = np.zeros((MONITOR_ROWS, LANES))

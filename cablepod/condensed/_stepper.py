@@ -215,7 +215,8 @@ class CondensedStepper:
     @property
     def _damped(self) -> Damped:
         """Step and damping of an explicit scheme."""
-        return damped_step(np.array([self.run.model.chain.p.damping]), self.step, self.run.scheme)
+        model = self.run.model
+        return damped_step(np.full(len(model.shapes), model.chain.p.damping, float), self.step, self.run.scheme)
 
     def trajectory(self, peak_times: tuple[float, float] | None = None) -> CondensedTrajectory:
         """Return what was computed so far; `peak_times` are those of the smallest and the largest tension [s]."""
@@ -230,7 +231,7 @@ class CondensedStepper:
 
 
 def damped_step(damping: np.ndarray, step: float, scheme: str) -> Damped:
-    """Return step [s] and damping (lanes,) [1/s] as an explicit scheme needs them."""
+    """Return step [s] and damping (r lanes,) [1/s] as an explicit scheme needs them."""
     if scheme == FOURTH_ORDER:
         return Damped(step, damping, np.exp(-0.5 * damping * step), np.exp(0.5 * damping * step))
     is_damped = damping != 0.0
