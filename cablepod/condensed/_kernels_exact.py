@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.condensed._kernels_dense import _solve
 from cablepod.condensed._kernels_exact_closure import _chordwise_momentum, _close
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
@@ -24,6 +23,7 @@ from cablepod.condensed._kernels_layout import (
 )
 from cablepod.condensed._kernels_rates import _add_held_drag, _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
+from cablepod.discretisation._kernels_dense import _solve
 
 # --- forces -----------------------------------------------------------------------------------------------------------
 

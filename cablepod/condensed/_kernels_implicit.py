@@ -6,12 +6,12 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_closure import _fill_tangent, _forces
-from cablepod.condensed._kernels_dense import _solve
 from cablepod.condensed._kernels_exact import _exact_work, _record_exact, exact_force
 from cablepod.condensed._kernels_exact_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_layout import CHORD_TENSION, ExactTerms
 from cablepod.condensed._kernels_rates import _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency, _monitor_step, _update_extremes
+from cablepod.discretisation._kernels_dense import _solve
 
 
 @compiled(counted=False)

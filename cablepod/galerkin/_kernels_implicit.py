@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.discretisation._kernels_dense import _solve
 from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _strains, _stresses
 
 #: Maximum number of Newton iterations in a step.
@@ -109,33 +110,6 @@ def _tangent(law, jacobian, s, ds, table, first, second, field_slopes, active_ax
     for k in range(modes):
         for m in range(k):
             tangent[m, k] = tangent[k, m]
-
-
-@compiled(fastmath=FAST_DIVISION)
-def solve(a, b):
-    """Solve a x = b by Gaussian elimination with partial pivoting; b becomes x, a is overwritten."""
-    n = b.size
-    for k in range(n):
-        pivot, largest = k, abs(a[k, k])
-        for i in range(k + 1, n):
-            if abs(a[i, k]) > largest:
-                pivot, largest = i, abs(a[i, k])
-        if pivot != k:
-            for j in range(k, n):
-                a[k, j], a[pivot, j] = a[pivot, j], a[k, j]
-            b[k], b[pivot] = b[pivot], b[k]
-        inverse = 1.0 / a[k, k]
-        a[k, k] = inverse
-        for i in range(k + 1, n):
-            m = a[i, k] * inverse
-            for j in range(k + 1, n):
-                a[i, j] -= m * a[k, j]
-            b[i] -= m * b[k]
-    for k in range(n - 1, -1, -1):
-        total = b[k]
-        for j in range(k + 1, n):
-            total -= a[k, j] * b[j]
-        b[k] = total * a[k, k]
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -251,7 +225,8 @@ def implicit(
             for k in range(modes):
                 b[k] = explicit_part[k] - diagonal * increment[k] - force[k]
                 tangent[k, k] += diagonal
-            solve(tangent, b)
+            if not _solve(tangent, b):
+                break
             for k in range(modes):
                 increment[k] += b[k]
                 norm += abs(b[k]) * rms_slopes[k]
