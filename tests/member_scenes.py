@@ -8,7 +8,6 @@ import numpy as np
 from scenes import HARMONIC, spatial
 
 import cablepod as cp
-from cablepod.condensed import _batch as condensed_batch
 
 BOTH = {"lower": {"y": HARMONIC}, "upper": {"x": {**HARMONIC, "angular_frequency": 2.1}}}
 ONE = {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 1.3}}}
@@ -50,18 +49,19 @@ def scenes_of(soft, motion, varied, dims=2):
     return scene.assign(new)
 
 
-def single_runs(monkeypatch, *args, **options):
-    """Run all members as single scenes."""
-    with monkeypatch.context() as patch:
-        patch.setattr(condensed_batch, "plan", lambda *_: None)
-        return cp.condensed.simulate(*args, **options)
+def single_runs(scenes, modes, **options):
+    """Run all members as single scenes, by a duration that varies: it decides on constants that lanes share."""
+    duration = scenes.time_duration
+    same = np.full(scenes.sizes["member"], float(duration))
+    run = cp.condensed.simulate(scenes.assign(time_duration=("member", same, duration.attrs)), modes, **options)
+    return run.drop_vars("time_duration")
 
 
 def assert_close(run, truth):
-    """Compare all variables and attributes, of the history all but the content of the results, which rounding changes."""
+    """Compare all variables and attributes; of the history the call, without the scenes and results, which rounding changes."""
     assert set(run.variables) == set(truth.variables)
     assert set(run.coords) == set(truth.coords)
-    assert without_content(run.attrs) == without_content(truth.attrs)
+    assert described(run.attrs) == described(truth.attrs)
     for name, values in truth.variables.items():
         assert run[name].dims == values.dims
         assert run[name].attrs == values.attrs
@@ -70,10 +70,12 @@ def assert_close(run, truth):
             continue
         # rounding of 1e-16 in a length changes the static tension by 1e-12, which the motion amplifies
         size = np.nanmax(np.abs(values.values)) if values.size else 0.0
-        np.testing.assert_allclose(run[name], values, rtol=1e-10, atol=1e-11 * size, err_msg=str(name))
+        # a difference of forces that nearly cancel
+        rtol = 1e-7 if name.endswith("error_estimate") else 1e-10
+        np.testing.assert_allclose(run[name], values, rtol=rtol, atol=1e-11 * size, err_msg=str(name))
 
 
-def without_content(attrs):
-    """Return attributes with the history as stages, without the recorded content of the last one."""
-    *earlier, last = json.loads(attrs["history_json"])
-    return {**attrs, "history_json": [*earlier, {key: value for key, value in last.items() if key != "content"}]}
+def described(attrs):
+    """Return attributes with the call of the history's last stage in place of history and identity."""
+    last = json.loads(attrs["history_json"])[-1]
+    return {**attrs, "id": last["function"], "history_json": last["parameters"]}

@@ -64,6 +64,14 @@ RIGID_CABLE = {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unst
 #: Parameters that ensembles of the soft scene vary, and their step [s].
 ENSEMBLE_RANGES = {"cable.top_tension": [200.0, 300.0], "ends.upper.x": [7.0, 8.5]}
 ENSEMBLE_STEP = 4e-3
+#: Schemes of the condensed model by its orders; its orders; pairs of both.
+SCHEMES_OF = {
+    "leading": ("velocity_verlet", "trapezoidal", "numerov"),
+    "exact": ("velocity_verlet", "trapezoidal"),
+    "inertial": ("velocity_verlet", "trapezoidal"),
+}
+ORDERS = tuple(SCHEMES_OF)
+PAIRS = [(order, scheme) for order, schemes in SCHEMES_OF.items() for scheme in schemes]
 #: Relative lengths of links that differ, for reduced models.
 LENGTHS = [1.0, 1.5, 1.0, 0.7, 1.2]
 HARMONIC = {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}

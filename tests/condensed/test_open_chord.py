@@ -10,9 +10,6 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod.condensed import _fields as fields
-from cablepod.condensed._kernels_exact_closure import close_all
-from cablepod.discretisation._laws import law_tension
-from cablepod.errors import RunStopped
 
 #: A cable whose upper end moves a little.
 GUY = {
@@ -61,13 +58,13 @@ def check(stopped, time):
 
 def test_a_run_stops_at_the_first_instant_whose_chord_does_not_close(modes, opened):
     for outputs in (("position",), ("tension",), ()):  # whatever is asked for
-        with pytest.raises(RunStopped) as stopped:
+        with pytest.raises(cp.RunStopped) as stopped:
             cp.condensed.simulate(cp.make_scene(GUY), modes, outputs=outputs, **OPTIONS)
         check(stopped, opened)
 
 
 def test_means_stop_at_the_step_whose_chord_does_not_close(modes, opened):
-    with pytest.raises(RunStopped, match="no equilibrium along the chord at") as stopped:
+    with pytest.raises(cp.RunStopped, match="no equilibrium along the chord at") as stopped:
         cp.condensed.simulate(cp.make_scene(GUY), modes, times=[0.0, 6.0], outputs=("tension_mean",), **OPTIONS)
     # at the ends of the run the chord is short
     assert opened - 0.1 < float(re.search(r"at ([0-9.]+) s", str(stopped.value))[1]) <= opened
@@ -92,33 +89,6 @@ def test_nothing_is_left_that_is_not_finite_where_links_buckle(rank, step):
     outputs = ("position", "tension", "tension_mean")
     try:
         run = cp.condensed.simulate(scene, modes, outputs=outputs, **(OPTIONS | {"step": step}))
-    except RunStopped as stopped:
+    except cp.RunStopped as stopped:
         run = stopped.partial
     assert all(np.isfinite(variable).all() for variable in run.data_vars.values())
-
-
-@pytest.mark.parametrize("green", [False, True])
-def test_the_closure_without_a_guess(green):
-    rng = np.random.default_rng(3)
-    times, links, stiffness = 40, 7, 1e6
-    weights = rng.uniform(0.5, 2.0, links)
-    squared = rng.uniform(0.0, 1.5, (times, links))
-    # stretched links; the chordwise force of the first is H, and the others follow
-    stretch = rng.uniform(1.0, 1.4, (times, links))
-    xi = np.sqrt(stretch**2 + squared)
-    force = law_tension(xi, stiffness, green=green) * stretch / xi
-    tau = force - force[:, :1]
-    found, tension = np.full_like(stretch, 1.0), np.full(times, np.nan)  # no guess, so that Newton's method fails
-    for i in range(times):
-        part = slice(i, i + 1)
-        close_all(
-            squared[part], tau[part], weights, stretch[part] @ weights, stiffness, green, tension[part], found[part]
-        )
-    # halving ends at the rounding of H, some 1e-16 K
-    np.testing.assert_allclose(found, stretch, rtol=1e-12)
-    np.testing.assert_allclose(tension, force[:, 0], atol=1e-12 * stiffness)
-    # with these slopes links buckle at 0.28 of their length
-    none = np.zeros((1, links))
-    tension, found = np.full(1, np.nan), np.ones((1, links))
-    close_all(none + 0.04, none, weights, np.array([0.2 * weights.sum()]), stiffness, green, tension, found)
-    assert np.isnan(tension[0])

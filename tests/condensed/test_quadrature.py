@@ -7,9 +7,6 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod.condensed._assembly import model_of
-from cablepod.discretisation import _gll as gll
-from cablepod.parameters._from_scene import parameters
 
 TIMES = np.arange(0.0, 10.1, 0.5)
 OPTIONS = {"order": "exact", "scheme": "velocity_verlet", "step": 0.01, "times": TIMES}
@@ -68,33 +65,11 @@ def test_chordwise_inertia_of_links_converges_to_that_of_points(soft):
     np.testing.assert_allclose([apart[0] / apart[1], apart[1] / apart[2]], 4.0, rtol=0.2)
 
 
-def test_integrals_of_polynomials():
-    node = gll.gll_rule(6)[0]
-    for k in range(7):
-        expected = (node ** (k + 1) - (-1.0) ** (k + 1)) / (k + 1)
-        np.testing.assert_allclose(gll.integration_matrix(6) @ node**k, expected, atol=1e-14)
-
-
 def test_sixteen_points_suffice_for_three_modes():
     """Sixteen points integrate products of four slopes of three sines to 1e-6."""
     scene, modes = cp.read_scene("data/scenes/example4.toml"), sines(80, 3)
     few, many = (cp.condensed.simulate(scene, modes, quadrature=n, outputs=("position",), **OPTIONS) for n in (16, 32))
     assert largest_error(few, many) < 1e-4
-
-
-def test_rule_contains_the_ends_and_sums_to_the_length():
-    scene = cp.read_scene("data/scenes/example4.toml")
-    model = model_of(parameters(scene), sines(160, 2), rank=None, order="exact", law="linear", quadrature=12)
-    slopes, taus, weights = model.rule
-    assert slopes.shape == (2, 12)
-    np.testing.assert_allclose(weights.sum(), model.chain.total_length, rtol=1e-14)
-    # the chordwise force of a uniform load is linear in S, from minus half a link to the length minus half a link
-    half = 0.5 * model.chain.length[0]
-    np.testing.assert_allclose(taus[0, [0, -1]], [-half, model.chain.total_length - half], rtol=1e-12, atol=1e-12)
-    # slopes of the sines at the ends; fourth-order splines through 160 links err by (2 pi / 160)^4 times a constant
-    expected = np.sqrt(2.0 / model.mass.sum()) * np.pi / model.chain.total_length * np.array([1.0, 2.0])
-    np.testing.assert_allclose(np.abs(slopes[:, 0]), expected, rtol=1e-4)
-    assert np.abs(slopes).max() > 0.0
 
 
 def test_members_equal_single_runs():

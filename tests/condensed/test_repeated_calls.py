@@ -53,9 +53,11 @@ def test_a_result_changed_in_place_does_not_reach_the_next(soft, modes):
     for name in ("position", "end_position", "amplitude", "arc_length"):
         first[name][...] = -1.0
         first[name].attrs["units"] = "furlong"
-    first.attrs["title"] = first["time"].attrs["units"] = "changed"
-    with pytest.raises(ValueError, match="read-only"):
-        first["time"].values[0] = 7.0
+    first.attrs["title"] = "changed"
+    for name in ("time", "coordinate", "mode", "end"):  # these indexes are kept
+        first[name].attrs |= {"units": "changed", "mine": True}
+        with pytest.raises(ValueError, match="read-only"):
+            first[name].values[0] = first[name].values[1]
     xr.testing.assert_identical(run(scene, modes), expected)
 
 

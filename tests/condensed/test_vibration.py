@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 import xarray as xr
 from references.irvine import horizontal, symmetric_roots
+from references.links import tangent_at_rest
 from scenes import LENGTHS, everything, scene_with, spatial
 from suite import slow
 
 import cablepod as cp
-from cablepod.archive import _lineage as lineage
-from cablepod.condensed._assembly import model_of
-from cablepod.parameters._from_scene import parameters
+from cablepod import lineage
 
 LAWS = ("linear", "green")
 
@@ -101,22 +100,10 @@ def test_a_nearly_inextensible_cable_loses_no_digits():
 # --- chain and continuous cable ---------------------------------------------------------------------------------------
 
 
-def condensed_chain(scene, law, links=None):
-    """Squared frequencies of each deflection of the chain about rest, chordwise particles without mass, link by link."""
-    rest = cp.chain.rest(scene, law=law, links=links)
-    x, s = rest.position.values, rest.arc_length.values
-    length = np.diff(s)
-    stiffness = float(scene.cable_youngs_modulus * scene.cable_area)
-    density = scene.cable_density if "cable_density" in scene else scene.cable_specific_weight / scene.gravity
-    mass = float(density * scene.cable_area) * 0.5 * (length[1:] + length[:-1])
-    n, dims = length.size, x.shape[1]
-    matrix = np.zeros((n + 1, dims, n + 1, dims))
-    for j, reach in enumerate(np.diff(x, axis=0)):
-        xi = np.linalg.norm(reach) / length[j]
-        secant, along = (1.0 - 1.0 / xi, 1.0 / xi**3) if law == "linear" else (0.5 * (xi**2 - 1.0), 1.0)
-        block = stiffness / length[j] * (secant * np.eye(dims) + along * np.outer(reach, reach) / length[j] ** 2)
-        for a, b, sign in ((j, j, 1), (j + 1, j + 1, 1), (j, j + 1, -1), (j + 1, j, -1)):
-            matrix[a, :, b] += sign * block
+def condensed_chain(scene, law):
+    """Squared frequencies of each deflection of the chain about rest, chordwise particles without mass."""
+    tangent, mass, x = tangent_at_rest(scene, law)
+    dims = x.shape[1]
     chord = (x[-1] - x[0]) / np.linalg.norm(x[-1] - x[0])
     if dims == 2:
         axes = np.array([chord, [-chord[1], chord[0]]])
@@ -124,7 +111,7 @@ def condensed_chain(scene, law, links=None):
         first = np.eye(3)[1] - chord[1] * chord
         first /= np.linalg.norm(first)
         axes = np.array([chord, first, np.cross(chord, first)])
-    turned = np.einsum("ac,icjd,bd->iajb", axes, matrix[1:-1, :, 1:-1], axes)
+    turned = np.einsum("ac,icjd,bd->iajb", axes, tangent, axes)
     result = []
     for k in range(1, dims):
         inside = np.linalg.solve(turned[:, 0, :, 0], turned[:, 0, :, k])
@@ -141,25 +128,6 @@ def test_frequencies_are_those_of_the_chain_without_chordwise_mass(soft, dims, l
     for suffix, squares in zip(("", "_out_of_plane"), condensed_chain(scene, law), strict=False):
         # the chain's tangent along the cable is 300 times as large as across: rounding of that
         assert modes[f"angular_frequency{suffix}"].values == pytest.approx(np.sqrt(squares), rel=1e-10)
-
-
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("dims", [2, 3])
-def test_frequencies_are_those_of_the_model_of_order_exact_on_all_modes(soft, dims, law):
-    scene = cp.make_scene(quiet(everything(soft, dims)) | {"chain": {"link_lengths": LENGTHS}})
-    modes = cp.condensed.vibration_modes(scene, rank=4, law=law)
-    model = model_of(parameters(scene), modes, rank=None, order="exact", law=law)
-    q, v = model.initial()
-    scale = np.abs(q).max()
-    columns = [
-        [model.force(q + sign * 1e-4 * scale * unit, v, model.static_boundary_data)[0] for sign in (-1.0, 1.0)]
-        for unit in np.eye(q.size)
-    ]
-    tangent = np.array([before - after for before, after in columns]).T / (2e-4 * scale)
-    for suffix, which in zip(("", "_out_of_plane"), model.sets, strict=False):
-        squares = np.linalg.eigvalsh(tangent[which, which])
-        # central differences of a cubic force: the square of the increment, and 1e-10 of the closure over it
-        assert modes[f"angular_frequency{suffix}"].values == pytest.approx(np.sqrt(squares), rel=1e-6)
 
 
 @pytest.mark.parametrize("number", [2, 3, 4])

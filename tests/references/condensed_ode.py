@@ -6,8 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 
-from cablepod.catenary._statics import unstretched_length
-from cablepod.parameters._from_scene import parameters
+from references.numbers import Numbers
 
 
 class Reference:
@@ -21,13 +20,12 @@ class Reference:
     """
 
     def __init__(self, scene, lengths, *, order="exact", law="linear"):
-        self.p, self.order, self.green = parameters(scene), order, law == "green"
-        total = unstretched_length(self.p)
-        self.length = total * np.array(lengths) / np.sum(lengths)
+        self.p, self.order, self.green = Numbers(scene), order, law == "green"
+        self.length = self.p.length * np.array(lengths) / np.sum(lengths)
         self.s = np.concatenate([[0.0], np.cumsum(self.length)])
         self.share = 0.5 * (np.append(self.length, 0.0) + np.append(0.0, self.length))
         self.dims, self.inner = self.p.dims, len(lengths) - 1
-        self.damping = self.p.mass_damping or 0.0
+        self.damping = self.p.damping
         self.zeta = None
         start = np.diff(self.p.end_positions(np.zeros(1))[0], axis=0)[0]
         # the normals in space refer to the first one at the start: that closest to the vertical, or to the flattest axis within
@@ -40,7 +38,7 @@ class Reference:
 
     def second_order(self):
         """Factor of the squared slopes (n,), and mass matrices of both deflections with chordwise inertia (inner, inner)."""
-        total, end = self.s[-1], self.p.duration or 0.0
+        total, end = self.s[-1], self.p.duration
         _, _, _, normals = self.frame(0.0)
         pushes = np.vstack([np.zeros(self.dims - 1), -np.cumsum(self.forces(0.0, moving=False) @ normals.T, axis=0)])
         shear = pushes - self.length @ pushes / total
@@ -98,12 +96,11 @@ class Reference:
         """Forces on the inner particles (inner, dims): loads, and what accelerations of the straight line do."""
         p, total = self.p, self.s[-1]
         force = self.share[:, None] * p.load_at(t)
-        for load in p.point_loads:
-            j = min(np.searchsorted(self.s, load.fraction * total, side="right"), len(self.length)) - 1
-            right = (load.fraction * total - self.s[j]) / self.length[j]
-            size = load.force * (1.0 if load.factor is None else float(load.factor(t)))
-            force[j] += (1.0 - right) * size
-            force[j + 1] += right * size
+        for place, size, factor in p.point_loads:
+            j = min(np.searchsorted(self.s, place * total, side="right"), len(self.length)) - 1
+            right = (place * total - self.s[j]) / self.length[j]
+            force[j] += (1.0 - right) * factor(t) * size
+            force[j + 1] += right * factor(t) * size
         if moving:
             for derivative, factor in ((2, 1.0), (1, self.damping)):
                 rates = p.end_positions(np.array([t]), derivative)[0]
