@@ -61,6 +61,12 @@ def guy(**motion: Any) -> xr.Dataset:
     return cp.make_scene(mapping)
 
 
+def tension_damped(beta: float, omega: float = 12.6, amplitude: float = 0.003, alpha: float = 0.03) -> xr.Dataset:
+    """The guy with damping by the tension beside that by mass."""
+    scene = guy(angular_frequency=omega, amplitude=amplitude, damping=alpha)
+    return scene.assign(damping_tension_proportional=((), beta, {"units": "s"}))
+
+
 def multipliers(result: xr.Dataset) -> np.ndarray:
     """Complex multipliers of a result."""
     return result.multiplier_real.values + 1j * result.multiplier_imag.values

@@ -10,7 +10,6 @@ from periodic_scenes import GUY, guy, loaded, multipliers
 from scenes import ROOT
 
 import cablepod as cp
-from cablepod.periodic._events import Signs, can_be_told_apart
 
 KINDS = {"fold", "pitchfork", "period_doubling", "torus"}
 
@@ -167,48 +166,12 @@ def test_what_was_traced_is_kept_after_an_interrupt():
     assert caught.value.partial.attrs["incomplete"] == 1
 
 
-def test_an_interrupt_while_errors_are_estimated_keeps_the_branches(monkeypatch):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    scene = loaded(0.6, 7.0, 0.05)
-    modes = cp.condensed.vibration_modes(scene, rank=2)
-    monkeypatch.setattr("cablepod.periodic._estimate.bifurcation_errors", stop)
-    with pytest.raises(cp.RunStopped, match="interrupted") as caught:
-        cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0), points=20, outputs=("error_estimate",))
-    assert caught.value.partial.sizes["point"] == 20
-    assert "bifurcation_error_estimate" not in caught.value.partial
-
-
-def test_an_interrupt_before_the_first_point_is_one(monkeypatch):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    scene = loaded(0.6, 7.0, 0.05)
-    modes = cp.condensed.vibration_modes(scene, rank=2)
-    monkeypatch.setattr("cablepod.periodic._frequency_response.grown_from_rest", stop)
-    with pytest.raises(KeyboardInterrupt):
-        cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0))
-
-
 def test_a_response_survives_the_archive(whirling, tmp_path):
     *_, response = whirling
     cp.archive.write(response, tmp_path / "response.nc")
     again = cp.archive.read(tmp_path / "response.nc")
     assert again.drop_attrs().equals(response.drop_attrs())
     assert again.attrs["id"] == response.attrs["id"]
-
-
-def test_a_complex_pair_that_becomes_real_outside_of_the_circle_is_no_crossing():
-    def outside(above, below, pairs):
-        return Signs(np.ones(1), np.ones(1), np.array([pairs]), np.array([[above, below]]))
-
-    pair = outside(0, 0, 1)
-    assert can_be_told_apart(pair, outside(2, 0, 0))
-    assert can_be_told_apart(outside(0, 2, 0), pair)
-    assert can_be_told_apart(pair, outside(1, 0, 1))
-    assert not can_be_told_apart(pair, outside(2, 0, 1))  # two real ones crossed
-    assert not can_be_told_apart(pair, outside(0, 0, 1)._replace(real_outside=np.array([[0, 2]])))
 
 
 @pytest.mark.slow  # 1.5 s

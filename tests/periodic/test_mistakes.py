@@ -51,15 +51,7 @@ SCENES = [
     (with_motion(kind="polynomial", coefficients=[0.1]), r"motion\.upper\.x\.kind"),
     (with_motion(kind="harmonic", amplitude=0.1, angular_frequency=1.0, ramp=2.0), r"motion\.upper\.x\.ramp"),
     (second, r"angular_frequency.*one frequency"),
-    (
-        lambda mapping: (
-            mapping["ends"].update(
-                free="upper",
-            )
-            or mapping.pop("motion")
-        ),
-        "motion: given|ends.free",
-    ),
+    (lambda mapping: mapping["ends"].update(free="upper") or mapping.pop("motion"), "motion: given|ends.free"),
     (lambda mapping: mapping["damping"].update(link_viscosity=1e-4), r"damping\.link_viscosity"),
     (lambda mapping: mapping.update(wind=WIND, cable=mapping["cable"] | {"diameter": 0.016}), r"wind\.speed"),
 ]
@@ -71,78 +63,50 @@ def test_scenes_without_one_periodic_forcing_are_refused(change, key, modes):
         cp.periodic.orbit(scene(change), modes)
 
 
-@pytest.mark.parametrize(
-    ("options", "key"),
-    [
-        ({"order": "inertial"}, "order"),
-        ({"rank": 0}, "rank"),
-        ({"rank": 3}, "rank"),
-        ({"harmonics": 1}, "harmonics"),
-        ({"harmonics": 1000}, "harmonics"),
-        ({"harmonics": 2.5}, "harmonics"),
-        ({"periods": 0}, "periods"),
-        ({"outputs": ("positions",)}, "outputs"),
-        ({"start": 3}, "start"),
-        ({"start": "scene"}, "start"),
-        ({"out_of_plane": 1}, "out_of_plane"),
-    ],
-)
-def test_options_of_an_orbit_are_checked(options, key, modes):
-    if options.get("start") == "scene":
-        options = {"start": scene()}
-    with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
-        cp.periodic.orbit(scene(), modes, **options)
+#: Functions, and options that they refuse under a key.
+OPTIONS = [
+    *(
+        ("orbit", options)
+        for options in (
+            {"order": "inertial"}, {"rank": 0}, {"rank": 3}, {"harmonics": 1}, {"harmonics": 1000}, {"harmonics": 2.5},
+            {"periods": 0}, {"outputs": ("positions",)}, {"start": 3}, {"start": "scene"}, {"out_of_plane": 1},
+        )
+    ),
+    *(
+        ("frequency_response", {"frequency": frequency})
+        for frequency in (
+            (8.0, 4.0), (0.0, 4.0), (-1.0, 4.0), (np.nan, 4.0), (4.0, np.inf), (4.0, 4.0), 4.0, (1.0, 2.0, 3.0), None,
+        )
+    ),
+    *(
+        ("frequency_response", options)
+        for options in ({"points": 1}, {"follow": ("torus",)}, {"order": "inertial"}, {"outputs": "tensions"})
+    ),
+    *(
+        ("stability_map", options)
+        for options in (
+            {"frequency": [2.0, 1.0]}, {"amplitude": [0.0, 1.0]}, {"amplitude": []}, {"frequency": [1.0, np.nan]}, {"rank": 9},
+        )
+    ),
+    *(
+        ("backbone", options)
+        for options in ({"amplitude": 0.0}, {"amplitude": 62.0}, {"mode": 3}, {"mode": 0}, {"motion": "round"})
+    ),
+]  # fmt: skip
+USUAL = {
+    "orbit": {},
+    "frequency_response": {"frequency": (4.0, 8.0)},
+    "stability_map": {"frequency": [1.0, 2.0], "amplitude": [1e-3]},
+    "backbone": {"amplitude": 0.1},
+}
 
 
-@pytest.mark.parametrize(
-    "frequency",
-    [(8.0, 4.0), (0.0, 4.0), (-1.0, 4.0), (np.nan, 4.0), (4.0, np.inf), (4.0, 4.0), 4.0, (1.0, 2.0, 3.0), None],
-)
-def test_a_range_of_frequencies_is_checked(frequency, modes):
-    with pytest.raises(SceneError, match=r"^frequency.*: given .*; allowed: "):
-        cp.periodic.frequency_response(scene(), modes, frequency=frequency)
-
-
-@pytest.mark.parametrize(
-    ("options", "key"),
-    [
-        ({"points": 1}, "points"),
-        ({"follow": ("torus",)}, "follow"),
-        ({"order": "inertial"}, "order"),
-        ({"outputs": "tensions"}, "outputs"),
-    ],
-)
-def test_options_of_a_frequency_response_are_checked(options, key, modes):
-    with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
-        cp.periodic.frequency_response(scene(), modes, frequency=(4.0, 8.0), **options)
-
-
-@pytest.mark.parametrize(
-    ("options", "key"),
-    [
-        ({"frequency": [2.0, 1.0]}, "frequency"), ({"amplitude": [0.0, 1.0]}, "amplitude"),
-        ({"amplitude": []}, "amplitude"), ({"frequency": [1.0, np.nan]}, "frequency"), ({"rank": 9}, "rank"),
-    ],
-)  # fmt: skip
-def test_the_grid_of_a_map_is_checked(options, key, modes):
-    given = {"frequency": [1.0, 2.0], "amplitude": [1e-3]} | options
+@pytest.mark.parametrize(("name", "options"), OPTIONS)
+def test_options_are_checked(name, options, modes):
+    (key,) = options
+    options = {"start": scene()} if options.get("start") == "scene" else options
     with pytest.raises(SceneError, match=f"^{key}.*: given .*; allowed: "):
-        cp.periodic.stability_map(scene(), modes, **given)
-
-
-@pytest.mark.parametrize(
-    ("options", "key"),
-    [
-        ({"amplitude": 0.0}, "amplitude"),
-        ({"amplitude": 62.0}, "amplitude"),
-        ({"mode": 3}, "mode"),
-        ({"mode": 0}, "mode"),
-        ({"motion": "round"}, "motion"),
-    ],
-)
-def test_options_of_a_backbone_are_checked(options, key, modes):
-    with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
-        cp.periodic.backbone(scene(), modes, **({"amplitude": 0.1} | options))
+        getattr(cp.periodic, name)(scene(), modes, **USUAL[name] | options)
 
 
 def test_members_are_refused_where_branches_are_followed(modes):
@@ -159,13 +123,11 @@ def test_members_are_refused_where_branches_are_followed(modes):
         (with_motion(kind="harmonic", amplitude=0.003, angular_frequency=1e-3), "a period of 6.28e+03 s is too long"),
         (lambda mapping: mapping["damping"].update(mass_proportional=3000.0), "damping by mass of 3e+03 1/s"),
         (
-            lambda mapping: (
-                mapping["damping"].update(tension_proportional=1e-3) or mapping["cable"].update(area=1.25e-8)
-            ),
+            lambda mapping: mapping["damping"].update(tension_proportional=1e-3) or mapping["cable"].update(area=1.25e-8),
             "damping by the tension of 0.001 s",
         ),
     ],
-)
+)  # fmt: skip
 def test_periods_that_multipliers_do_not_survive_stop_with_a_reason(change, message, modes):
     slow = scene(change)
     omega = float(slow.motion_upper_x_angular_frequency)

@@ -9,10 +9,6 @@ import pytest
 from periodic_scenes import GUY, STIFFNESS, TENSION, guy, loaded, mathieu, multipliers
 
 import cablepod as cp
-from cablepod.periodic import _fields as fields
-from cablepod.periodic._members import model_of
-from cablepod.periodic._orbit import find
-from cablepod.periodic._solve import Solver
 
 pytestmark = pytest.mark.filterwarnings("ignore:damping is zero")
 
@@ -79,35 +75,6 @@ def test_a_stable_orbit_is_where_the_model_settles(omega):
     # the scheme is of fourth order, 512 steps a period; transients have fallen to 1e-7
     assert np.abs(amplitude - run[0]).max() < 1e-4 * scale
     assert np.abs(orbit.tension.values[:-1:2] - run[1]).max() < 1e-4 * np.ptp(run[1], axis=0).max()
-
-
-@pytest.mark.parametrize(("omega", "amplitude"), [(6.1, 0.003), (12.6, 0.002)])
-def test_the_work_of_ends_and_loads_is_dissipated(omega, amplitude):
-    scene = guy(angular_frequency=omega, amplitude=amplitude)
-    model, given = model_of(scene, modes_of(scene, 3), rank=None, order="leading", out_of_plane=True)
-    solver = Solver(model)
-    state = find(solver, given / model.scales[0], 1, 24, None)
-    count = 4096
-    z, a, condensed = state.omega, model.damping, model.condensed
-    rows = np.tensordot((1.0, z, z * z), model.rows(count, 1), 1)
-    chord, loads, normals = np.split(rows, [1, 1 + len(condensed.load_patterns)], axis=1)
-    # stiffness and load without deflection, in SI units over the square of the frequency
-    tension = model.condensed.chain.p.stiffness * (chord[:, 0] / condensed.chain.total_length - 1.0)
-    tension = tension - loads @ condensed.mean_chordwise_forces
-    stiffness = tension[:, None, None] * np.diag(model.kappa_si) + np.tensordot(loads, model.geometric_stiffness, 1)
-    stiffness, load = stiffness / model.scales[0] ** 2, normals @ model.load_projection / model.scales[0] ** 2
-    q = fields.coordinates(model, state, count) / model.scales[1]
-    load = load / model.scales[1]
-
-    def rate(values):
-        spectrum = np.fft.rfft(values, axis=0)
-        number = np.arange(len(spectrum)).reshape(-1, *[1] * (values.ndim - 1))
-        return np.fft.irfft(1j * number * spectrum, count, axis=0)
-
-    velocity = z * rate(q)
-    work = 0.5 * np.einsum("ti,tij,tj->t", q, rate(stiffness), q) - (rate(load) * q).sum(axis=1)
-    dissipated = a / z * (velocity**2).sum(axis=1)
-    assert work.mean() == pytest.approx(dissipated.mean(), rel=1e-6)
 
 
 def test_the_amplitude_of_the_parametric_response():
