@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from models_of import ALL, options_of, scene_of
 
 import cablepod as cp
 
@@ -37,28 +38,14 @@ def test_a_run_alone_reports_its_own_fraction(soft):
     assert seen == pytest.approx([*(65536 / 300_001 * np.arange(1, 5)), 1.0])
 
 
-CALLS = {
-    "chain": lambda scene, _, **options: cp.chain.simulate(scene, **options),
-    "cable": lambda scene, _, **options: cp.cable.simulate(scene, elements=4, **options),
-    "rigid": lambda scene, _, **options: cp.rigid.simulate(
-        scene.drop_vars("cable_top_tension").assign(cable_unstretched_length=((), 12.0, {"units": "m"})), **options
-    ),
-    "galerkin": lambda scene, modes, **options: cp.galerkin.simulate(scene, modes, rank=2, **options),
-    "condensed": lambda scene, modes, **options: cp.condensed.simulate(scene, modes, rank=2, **options),
-}
-LAYOUTS = {"galerkin": "separate", "condensed": "normal"}
-
-
-@pytest.mark.parametrize("model", CALLS)
+@pytest.mark.parametrize("model", ALL)
 @pytest.mark.parametrize("options", [{"tolerance": 1e-3}, {"step": 1e-3}], ids=str)
 def test_progress_never_falls_and_ends_at_one(soft, model, options):
-    scene, modes = cp.make_scene({**soft, "time": {"duration": 1.0, "interval": 0.25}}), None
-    if model in LAYOUTS:
-        modes = cp.pod.decompose(cp.chain.simulate(scene, tolerance=1e-3), rank=2, layout=LAYOUTS[model])
+    soft["time"], seen = {"duration": 1.0, "interval": 0.25}, []
     if model == "cable" and "step" in options:
         options = {"step": 1e-4}
-    seen = []
-    CALLS[model](scene, modes, progress=seen.append, **options)
+    options = options | options_of(model, soft)
+    getattr(cp, model).simulate(scene_of(model, soft), progress=seen.append, **options)
     assert all(0.0 < before < after for before, after in itertools.pairwise(seen))
     assert seen[-1] == 1.0
     if "tolerance" in options:

@@ -1,4 +1,4 @@
-"""Searches of a step: what they want next, economical ones, the first step, what a stopped one leaves."""
+"""Choice of the step of every model: the first one, tolerances of motion and tension, limits, what a stopped search leaves."""
 
 from __future__ import annotations
 
@@ -6,60 +6,16 @@ import math
 
 import numpy as np
 import pytest
+from models_of import options_of
 
 import cablepod as cp
-from cablepod.integrate._comparison import ComparableRuns  # runs of known error; their estimates have closed forms
-from cablepod.integrate._step_control import Refinement, complete, fit_step
-
-
-def runs_of_order_two(size):
-    """Runs of a motion of 1 m whose error is `size` (100 / steps per second)^2 [m]; a trajectory is (rate, error)."""
-    return ComparableRuns(
-        lambda rate: (rate, size * (100.0 / rate) ** 2), lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, 100.0
-    )
-
-
-def test_a_search_takes_the_runs_that_it_wants_from_anywhere():
-    # as of batches, which compute the runs of many searches together
-    alone, search, wanted = complete(Refinement(runs_of_order_two(1e-3), 1e-6)), None, []
-    search = Refinement(runs_of_order_two(1e-3), 1e-6)
-    while search.wanted is not None:
-        assert search.found is None
-        wanted.append(search.wanted)
-        search.take((search.wanted, 1e-3 * (100.0 / search.wanted) ** 2))
-    assert search.found == alone
-    assert wanted[:2] == [100.0, 200.0]
-    assert wanted[-1] == alone.steps_per_second
-
-
-def test_only_a_first_run_may_stop():
-    search = Refinement(runs_of_order_two(1e-3), 1e-6)
-    for rate in (100.0, 200.0):
-        assert search.wanted == rate
-        assert search.go_on_after_stop()
-    assert search.wanted == 400.0
-    search.take((400.0, 1e-3))
-    assert not search.go_on_after_stop()
-
-
-@pytest.mark.parametrize("size", [1e-3, 1e-2])
-def test_an_economical_search_has_a_margin_of_a_half(size):
-    # the distance of the first two runs is three times the error of the second one, if the order is two
-    told = []
-    (rate, error), same, estimate = fit_step(runs_of_order_two(size), lambda run: told.append(run) or 1e-2)
-    assert told == [(200.0, size / 4.0)]  # the second run tells the tolerance
-    assert rate == same == 200.0
-    assert estimate == pytest.approx(1.5 * error, rel=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning", "ignore::cablepod.NotConvergedWarning")
 @pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
 def test_every_run_has_eight_steps_in_the_shortest_time_scale(soft, model):
     # any two runs meet this tolerance; without regard to the motion implicit steps are a twentieth of the run and longer
-    options = {"elements": 2} if model == "cable" else {}
-    if model in ("galerkin", "condensed"):
-        layout = "normal" if model == "condensed" else "separate"
-        options["modes"] = cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), step=1e-3), layout=layout, rank=2)
+    options = options_of(model, soft)
     soft["motion"]["upper"]["x"] |= {"angular_frequency": 40.0, "amplitude": 1e-4}
     run = getattr(cp, model).simulate(cp.make_scene(soft), scheme="trapezoidal", tolerance=1e3, **options)
     first = 2.0 * run.attrs["step"]
@@ -80,6 +36,75 @@ def test_every_run_has_twenty_steps_in_a_ramp_of_the_wind(soft, model):
     # which begins in tenths of it; the ends do not move
     soft["cable"] |= {"drag_coefficient": 1.2, "diameter": 0.036}
     scene = cp.make_scene({**soft, "motion": {}, "wind": {"speed": 2.0, "direction": [1.0, 0.0], "ramp": 1.0}})
-    options = {"elements": 2} if model == "cable" else {}
-    run = getattr(cp, model).simulate(scene, scheme="trapezoidal", tolerance=1e3, **options)
+    run = getattr(cp, model).simulate(scene, scheme="trapezoidal", tolerance=1e3, **options_of(model, soft))
     assert 0.025 < 2.0 * run.attrs["step"] <= 0.05
+
+
+@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
+def test_one_instant_is_as_good_as_many(soft, scheme):
+    scene, options = cp.make_scene(soft), {"scheme": scheme, "tolerance": 1e-3, "outputs": ("position",)}
+    one = cp.chain.simulate(scene, times=[4.0], **options)
+    many = cp.chain.simulate(scene, times=np.linspace(0.0, 4.0, 65), **options)
+    assert one.attrs["step"] == many.attrs["step"]
+    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.4)
+    assert one.time.values.tolist() == [4.0]
+    np.testing.assert_array_equal(one.position[-1], many.position[-1])
+
+
+def test_a_chain_keeps_the_tolerance_in_its_tensions(soft):
+    scene = cp.make_scene(soft)
+    exact = cp.chain.simulate(scene, step=1e-5)
+    run = cp.chain.simulate(scene)
+    span = float((exact.tension.max("time") - exact.tension.min("time")).max())
+    error = float(np.sqrt(((run.tension - exact.tension) ** 2).mean("link")).max()) / span
+    assert error < 1e-4
+    assert error < 2.0 * run.attrs["tension_time_error_estimate"]
+    # by its motion alone the run would be coarser
+    assert cp.chain.simulate(scene, outputs=("position",)).attrs["step"] > run.attrs["step"]
+
+
+def test_a_month_of_a_stiff_cable_needs_a_given_step(soft):
+    # 2e13 links times steps
+    soft["cable"] |= {"youngs_modulus": 1e15, "top_tension": 200.0}
+    soft["time"] = {"duration": 2.6e6, "interval": 1e5}
+    scene = cp.make_scene(soft)
+    with pytest.raises(
+        cp.SceneError, match=r"time\.duration: given 2\.6e\+06 s, which with 8 links needs .*; allowed: 1e\+12 steps"
+    ):
+        cp.chain.simulate(scene, scheme="velocity_verlet")
+    run = cp.chain.simulate(scene, scheme="velocity_verlet", times=[0.0, 1e-4])  # as the message says
+    assert np.isfinite(run.position).all()
+
+
+def test_steps_are_counted_in_doubles(soft):
+    for simulate in (cp.chain.simulate, cp.cable.simulate):
+        with pytest.raises(cp.SceneError, match=r"step: given 1e-20; allowed: at least 4e-13 s, for 4 s of time"):
+            simulate(cp.make_scene(soft), step=1e-20)
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # nothing is like this damping
+@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
+def test_damping_that_overflows_is_refused(soft, model):
+    options = options_of(model, soft)
+    scene = cp.make_scene({**soft, "damping": {"mass_proportional": 1e6}})
+    simulate = getattr(cp, model).simulate
+    with pytest.raises(
+        cp.SceneError, match=r"damping\.mass_proportional: given 1e\+06; allowed: at most 6e\+05 1/s .* 0\.001 s;"
+    ):
+        simulate(scene, **options, step=1e-3, scheme="velocity_verlet")
+    if model in ("chain", "galerkin"):  # as the message says
+        assert np.isfinite(simulate(scene, **options, step=1e-3, scheme="trapezoidal").position).all()
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # such steps give anything
+@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
+def test_a_given_step_that_does_not_resolve_the_motion_is_warned_of(soft, model):
+    scene = cp.make_scene(soft)  # moves with 2 rad/s, period 3.14 s
+    options = options_of(model, soft)
+    simulate = getattr(cp, model).simulate
+    simulate(scene, **options, scheme="trapezoidal", step=0.7, times=[0.0, 2.1])
+    with pytest.warns(
+        cp.NotConvergedWarning,
+        match=r"step: given 1 s does not resolve motions and loads, with 3\.1 steps .* 3\.142 s;",
+    ):
+        simulate(scene, **options, scheme="trapezoidal", step=1.0, times=[0.0, 2.0])

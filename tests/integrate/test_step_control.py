@@ -1,4 +1,4 @@
-"""Output times, dense output and step control, on artificial runs of known error."""
+"""Output times, dense output, step control and its searches, on artificial runs of known error."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from models_of import ALL, options_of, scene_of
 
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
@@ -166,18 +167,10 @@ def test_trials_of_long_implicit_steps_have_bounded_work():
     assert artificial.calls == [100.0, 200.0, 400.0, 800.0]
 
 
-@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed", "rigid"])
+@pytest.mark.parametrize("model", ALL)
 def test_a_run_with_too_many_steps_is_refused_before_it_begins(soft, model, monkeypatch):
     # a bound that this small scene exceeds, instead of a scene that takes hours where the bound is not held
-    options = {"elements": 1} if model == "cable" else {}
-    scene = cp.make_scene(soft)
-    if model in ("galerkin", "condensed"):
-        run = cp.chain.simulate(scene, step=1e-3)
-        options = {"modes": cp.pod.decompose(run, layout="normal" if model == "condensed" else "separate", rank=2)}
-    if model == "rigid":
-        del soft["cable"]["top_tension"]
-        scene = cp.make_scene(soft | {"cable": {**soft["cable"], "unstretched_length": 10.3}})
-    simulate = getattr(cp, model).simulate
+    scene, options, simulate = scene_of(model, soft), options_of(model, soft), getattr(cp, model).simulate
     monkeypatch.setattr(step_control, "MAX_WORK", 100)
     monkeypatch.setattr(schemes, "MAX_TRIAL_WORK", 1)
     monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
@@ -191,25 +184,51 @@ def test_a_run_with_too_many_steps_is_refused_before_it_begins(soft, model, monk
     assert simulate(scene, **options, step=1e-3).attrs["number_of_steps"] == 4000
 
 
-def test_a_month_of_a_stiff_cable_needs_a_given_step(soft):
-    # 2e13 links times steps
-    soft["cable"] |= {"youngs_modulus": 1e15, "top_tension": 200.0}
-    soft["time"] = {"duration": 2.6e6, "interval": 1e5}
-    scene = cp.make_scene(soft)
-    with pytest.raises(
-        cp.SceneError, match=r"time\.duration: given 2\.6e\+06 s, which with 8 links needs .*; allowed: 1e\+12 steps"
-    ):
-        cp.chain.simulate(scene, scheme="velocity_verlet")
-    run = cp.chain.simulate(scene, scheme="velocity_verlet", times=[0.0, 1e-4])  # as the message says
-    assert np.isfinite(run.position).all()
-    # two days of 100 links of a guy, 2e7 N and 1 kg/m, a metre each, in steps of 0.2 ms are begun
+def test_two_days_of_a_guy_are_begun():
+    # 100 links, 2e7 N and 1 kg/m, a metre each, in steps of 0.2 ms
     step_control.check_work(5000.0, 2 * 86400.0, 100)
 
 
-def test_steps_are_counted_in_doubles(soft):
-    for simulate in (cp.chain.simulate, cp.cable.simulate):
-        with pytest.raises(cp.SceneError, match=r"step: given 1e-20; allowed: at least 4e-13 s, for 4 s of time"):
-            simulate(cp.make_scene(soft), step=1e-20)
+# --- searches -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_search_takes_the_runs_that_it_wants_from_anywhere():
+    # as of batches, which compute the runs of many searches together
+    alone, search, wanted = (
+        step_control.complete(step_control.Refinement(ArtificialRuns(1e-3, 2.0).runs(), 1e-6)),
+        None,
+        [],
+    )
+    search = step_control.Refinement(ArtificialRuns(1e-3, 2.0).runs(), 1e-6)
+    while search.wanted is not None:
+        assert search.found is None
+        wanted.append(search.wanted)
+        search.take((search.wanted, 1e-3 * (100.0 / search.wanted) ** 2))
+    assert search.found == alone
+    assert wanted[:2] == [100.0, 200.0]
+    assert wanted[-1] == alone.steps_per_second
+
+
+def test_only_a_first_run_may_stop():
+    search = step_control.Refinement(ArtificialRuns(1e-3, 2.0).runs(), 1e-6)
+    for rate in (100.0, 200.0):
+        assert search.wanted == rate
+        assert search.go_on_after_stop()
+    assert search.wanted == 400.0
+    search.take((400.0, 1e-3))
+    assert not search.go_on_after_stop()
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-2])
+def test_an_economical_search_has_a_margin_of_a_half(size):
+    # the distance of the first two runs is three times the error of the second one, if the order is two
+    told = []
+    (rate, error), same, estimate = step_control.fit_step(
+        ArtificialRuns(size, 2.0).runs(), lambda run: told.append(run) or 1e-2
+    )
+    assert told == [(200.0, size / 4.0)]  # the second run tells the tolerance
+    assert rate == same == 200.0
+    assert estimate == pytest.approx(1.5 * error, rel=1e-12)
 
 
 def halved(size, order, tolerance, max_steps_per_second):
@@ -277,40 +296,6 @@ def test_a_first_step_that_breaks_down_is_halved():
     assert rate == 800.0
 
 
-@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # nothing is like this damping
-@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
-def test_damping_that_overflows_is_refused(soft, model):
-    options = {"elements": 1} if model == "cable" else {}
-    if model in ("galerkin", "condensed"):
-        run = cp.chain.simulate(cp.make_scene(soft), step=1e-3)
-        options = {"modes": cp.pod.decompose(run, layout="normal" if model == "condensed" else "separate", rank=2)}
-    scene = cp.make_scene({**soft, "damping": {"mass_proportional": 1e6}})
-    simulate = getattr(cp, model).simulate
-    with pytest.raises(
-        cp.SceneError, match=r"damping\.mass_proportional: given 1e\+06; allowed: at most 6e\+05 1/s .* 0\.001 s;"
-    ):
-        simulate(scene, **options, step=1e-3, scheme="velocity_verlet")
-    if model in ("chain", "galerkin"):  # as the message says
-        assert np.isfinite(simulate(scene, **options, step=1e-3, scheme="trapezoidal").position).all()
-
-
-@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # such steps give anything
-@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
-def test_a_given_step_that_does_not_resolve_the_motion_is_warned_of(soft, model):
-    scene = cp.make_scene(soft)  # moves with 2 rad/s, period 3.14 s
-    options = {"elements": 2} if model == "cable" else {}
-    if model in ("galerkin", "condensed"):
-        run = cp.chain.simulate(scene, step=1e-3)
-        options = {"modes": cp.pod.decompose(run, layout="normal" if model == "condensed" else "separate", rank=2)}
-    simulate = getattr(cp, model).simulate
-    simulate(scene, **options, scheme="trapezoidal", step=0.7, times=[0.0, 2.1])
-    with pytest.warns(
-        cp.NotConvergedWarning,
-        match=r"step: given 1 s does not resolve motions and loads, with 3\.1 steps .* 3\.142 s;",
-    ):
-        simulate(scene, **options, scheme="trapezoidal", step=1.0, times=[0.0, 2.0])
-
-
 # --- tensions ---------------------------------------------------------------------------------------------------------
 
 
@@ -360,30 +345,7 @@ def test_rounding_errors_of_the_tension_do_not_count():
     assert step_control.refine_step(runs, 1e-4)[1] == 200.0
 
 
-def test_a_chain_keeps_the_tolerance_in_its_tensions(soft):
-    scene = cp.make_scene(soft)
-    exact = cp.chain.simulate(scene, step=1e-5)
-    run = cp.chain.simulate(scene)
-    span = float((exact.tension.max("time") - exact.tension.min("time")).max())
-    error = float(np.sqrt(((run.tension - exact.tension) ** 2).mean("link")).max()) / span
-    assert error < 1e-4
-    assert error < 2.0 * run.attrs["tension_time_error_estimate"]
-    # by its motion alone the run would be coarser
-    assert cp.chain.simulate(scene, outputs=("position",)).attrs["step"] > run.attrs["step"]
-
-
 # --- instants of comparison -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
-def test_one_instant_is_as_good_as_many(soft, scheme):
-    scene, options = cp.make_scene(soft), {"scheme": scheme, "tolerance": 1e-3, "outputs": ("position",)}
-    one = cp.chain.simulate(scene, times=[4.0], **options)
-    many = cp.chain.simulate(scene, times=np.linspace(0.0, 4.0, 65), **options)
-    assert one.attrs["step"] == many.attrs["step"]
-    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.4)
-    assert one.time.values.tolist() == [4.0]
-    np.testing.assert_array_equal(one.position[-1], many.position[-1])
 
 
 def test_instants_of_comparison_lie_in_the_gaps():

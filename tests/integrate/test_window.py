@@ -10,7 +10,6 @@ import pytest
 from scenes import SOFT
 
 import cablepod as cp
-from cablepod.integrate import _means
 
 STEP = {"galerkin": 0.005, "condensed": 0.005, "chain": 0.0025, "cable": 0.0005, "rigid": 0.0025}
 CASES = {
@@ -243,27 +242,6 @@ def test_means_are_those_of_the_series_at_all_steps(soft, case, window, times):
     # the steps that are saved for them do not change what is output at the asked instants
     alone = simulate(soft, model, outputs=("position",), times=times, **options)
     np.testing.assert_allclose(run.position, alone.position, rtol=0, atol=1e-12 * 10.0)
-
-
-@pytest.mark.parametrize("model", STEP)
-def test_long_runs_are_integrated_over_several_steps_each(soft, model, monkeypatch):
-    options = {"elements": 2} if model == "cable" else {}
-    run = simulate(soft, model, outputs=MEANS, **options)
-    monkeypatch.setattr(_means, "MAX_INTERVALS", 200)
-    coarse = simulate(soft, model, outputs=MEANS, **options)
-    for name in MEANS:
-        assert (coarse[name] != run[name]).any()
-        np.testing.assert_allclose(coarse[name], run[name], rtol=1e-3)
-
-
-def test_weights_are_those_of_the_linear_interpolant():
-    steps = np.array([0, 1, 4, 5, 9])
-    line = 3.0 - 0.25 * steps  # is its own interpolant
-    for begin, end in [(0.0, 9.0), (0.3, 0.6), (0.5, 4.5), (2.0, 9.0), (4.0, 5.0)]:
-        weight = _means.weights(steps, begin, end)
-        np.testing.assert_allclose([weight.sum(), weight @ line], [1.0, 3.0 - 0.125 * (begin + end)], rtol=1e-14)
-    # the hat function at 4 over [2, 4.5]: (1/3 + 1)/2 * 2 + (1 + 1/2)/2 * 1/2
-    np.testing.assert_allclose(_means.weights(steps, 2.0, 4.5)[2], (4 / 3 + 3 / 8) / 2.5, rtol=1e-14)
 
 
 @pytest.mark.parametrize("model", STEP)
