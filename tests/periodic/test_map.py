@@ -39,51 +39,40 @@ def test_tongues_have_the_edges_of_mathieu(tongue):
     assert set(found.edge_kind.values) == {kinds[tongue]}
 
 
-def test_a_map_has_the_growth_of_single_orbits():
-    scene = guy(damping=0.05)
-    modes = cp.condensed.vibration_modes(scene, rank=2)
-    frequency, amplitude = np.array([5.0, 6.25, 12.3, 12.47]), np.array([0.001, 0.004, 0.006])
-    found = cp.periodic.stability_map(scene, modes, frequency=frequency, amplitude=amplitude)
+@pytest.mark.parametrize(
+    ("tension_damping", "frequency", "amplitude", "allowed"),
+    [
+        (0.0, [5.0, 6.25, 12.3, 12.47], [0.001, 0.004, 0.006], 1e-5),  # harmonics until the last two hold 1e-5
+        (2e-4, [12.3, 12.44, 12.8], [0.002, 0.004, 0.006], 1e-6),
+    ],
+)
+def test_a_map_has_the_growth_of_single_orbits(tension_damping, frequency, amplitude, allowed):
+    scene = guy(damping=0.05 if not tension_damping else 0.03)
+    if tension_damping:
+        scene = scene.assign(damping_tension_proportional=((), tension_damping, {"units": "s"}))
+    modes, progress = cp.condensed.vibration_modes(scene, rank=2), []
+    grid = {"frequency": np.array(frequency), "amplitude": np.array(amplitude)}
+    found = cp.periodic.stability_map(scene, modes, **grid, progress=progress.append)
     for i, omega in enumerate(frequency):
         for j, a in enumerate(amplitude):
-            orbit = cp.periodic.orbit(guy(damping=0.05, angular_frequency=omega, amplitude=a), modes, outputs=())
-            point = found.isel(amplitude=j, angular_frequency=i)
-            largest = max(float(point.growth_in_plane), float(point.growth_out_of_plane))
-            # the map takes harmonics until the last two hold 1e-5
-            assert largest == pytest.approx(float(orbit.growth), abs=1e-5)
-            assert (point.kind == "stable") == bool(orbit.stable)
-            assert float(point.response) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
-
-
-def test_a_map_with_damping_by_the_tension_has_the_growth_of_single_orbits():
-    frequency, amplitude = np.array([12.3, 12.44, 12.8]), np.array([0.002, 0.004, 0.006])
-    scene = guy(damping=0.03).assign(damping_tension_proportional=((), 2e-4, {"units": "s"}))
-    modes = cp.condensed.vibration_modes(scene, rank=2)
-    progress: list[float] = []
-    found = cp.periodic.stability_map(
-        scene, modes, frequency=frequency, amplitude=amplitude, progress=progress.append
-    )  # fmt: skip
-    for i, omega in enumerate(frequency):
-        for j, a in enumerate(amplitude):
-            here = scene.assign(
-                motion_upper_x_angular_frequency=scene.motion_upper_x_angular_frequency * 0.0 + omega,
-                motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 0.0 + a,
-            )
+            here = scene.assign(motion_upper_x_angular_frequency=omega, motion_upper_x_amplitude=a)
             orbit = cp.periodic.orbit(here, modes, outputs=())
             point = found.isel(amplitude=j, angular_frequency=i)
             largest = max(float(point.growth_in_plane), float(point.growth_out_of_plane))
-            # harmonics are taken until the last two hold 1e-6, in both
-            assert largest == pytest.approx(float(orbit.growth), abs=1e-6)
+            assert largest == pytest.approx(float(orbit.growth), abs=allowed)
+            assert (point.kind == "stable") == bool(orbit.stable)
             assert float(point.response) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
     assert {"stable", "period_doubling"} <= set(found.kind.values.ravel())
     assert progress == sorted(progress)
     # at an edge a multiplier is on the circle
     for omega, a in zip(found.edge_angular_frequency.values[:2], found.edge_amplitude.values[:2], strict=True):
-        edge = cp.periodic.stability_map(
-            scene, modes, frequency=[omega], amplitude=np.append(amplitude[amplitude < a], a)
-        )
+        below = [value for value in amplitude if value < a]
+        edge = cp.periodic.stability_map(scene, modes, frequency=[omega], amplitude=[*below, a])
         at = edge.isel(amplitude=-1, angular_frequency=0)
-        assert min(abs(float(at.growth_in_plane)), abs(float(at.growth_out_of_plane))) < 1e-7
+        # of a compiled map to the 1e-5 of its harmonics
+        assert min(abs(float(at.growth_in_plane)), abs(float(at.growth_out_of_plane))) < (
+            1e-7 if tension_damping else 1e-5
+        )
 
 
 @pytest.mark.parametrize(

@@ -53,28 +53,20 @@ def test_the_parametric_threshold_is_four_times_the_damping_ratio(ratio, grows):
 # --- orbits -----------------------------------------------------------------------------------------------------------
 
 
-def settled(scene, modes, omega, step):
-    """Amplitudes of a run of the same model, after its transients, at 64 instants of a period (time, mode)."""
-    damping = float(scene.damping_mass_proportional)
-    first = round(np.ceil(2.0 * np.log(1e7) / damping / (2.0 * np.pi / omega)))
-    times = 2.0 * np.pi / omega * (first + np.arange(64) / 64)
-    run = cp.condensed.simulate(scene, modes, times=times, step=step, outputs=("tension",), scheme="numerov")
-    return run.amplitude.values, run.tension.values
-
-
 @pytest.mark.parametrize("omega", [6.2, 3.1, 11.0])
 def test_a_stable_orbit_is_where_the_model_settles(omega):
     scene = guy(angular_frequency=omega, damping=0.3, amplitude=0.02)
-    modes = modes_of(scene, 2)
-    orbit = cp.periodic.orbit(scene, modes, outputs=("tension",))
+    modes, period = modes_of(scene, 2), 2.0 * np.pi / omega
+    orbit = cp.periodic.orbit(scene, modes, outputs=("position", "tension"))
     assert orbit.stable
-    # the modes have constants of a reference state over the duration of the scene, here a period
-    run = settled(scene.assign(time_duration=2.0 * np.pi / omega), modes, omega, 2.0 * np.pi / omega / 512)
-    amplitude = orbit.amplitude.values[:-1:2]
-    scale = np.ptp(amplitude, axis=0).max()
-    # the scheme is of fourth order, 512 steps a period; transients have fallen to 1e-7
-    assert np.abs(amplitude - run[0]).max() < 1e-4 * scale
-    assert np.abs(orbit.tension.values[:-1:2] - run[1]).max() < 1e-4 * np.ptp(run[1], axis=0).max()
+    # after transients, which have fallen to 1e-7; the modes have constants of a reference state over the duration of the scene,
+    # here a period; the scheme is of fourth order, 512 steps a period
+    times = period * (round(np.ceil(2.0 * np.log(1e7) / 0.3 / period)) + np.arange(64) / 64)
+    options = {"times": times, "step": period / 512, "scheme": "numerov", "outputs": ("position", "tension")}
+    run = cp.condensed.simulate(scene.assign(time_duration=period), modes, **options)
+    for name in ("amplitude", "tension", "position"):
+        found, settled = orbit[name].values[:-1:2], run[name].values
+        assert np.abs(found - settled).max() < 1e-4 * np.ptp(found, axis=0).max(), name
 
 
 def test_the_amplitude_of_the_parametric_response():
@@ -183,19 +175,6 @@ def test_members_are_computed_one_by_one_and_say_why_they_fail():
     for k in range(2):
         alone = cp.periodic.orbit(members.isel(member=k), modes, outputs=())
         assert float(result.growth[k]) == float(alone.growth)
-
-
-def test_positions_are_those_of_the_run():
-    scene = guy(angular_frequency=6.2, damping=0.3, amplitude=0.02)
-    modes = modes_of(scene, 2)
-    orbit = cp.periodic.orbit(scene, modes)
-    omega = 6.2
-    first = round(np.ceil(2.0 * np.log(1e7) / 0.3 / (2.0 * np.pi / omega)))
-    times = 2.0 * np.pi / omega * (first + np.arange(8) / 8)
-    scene = scene.assign(time_duration=2.0 * np.pi / omega)  # see above
-    run = cp.condensed.simulate(scene, modes, times=times, step=0.002, outputs=("position",), scheme="numerov")
-    difference = np.abs(run.position.values - orbit.position.values[:-1:16]).max()
-    assert difference < 1e-4 * float(orbit.deflection_maximum)
 
 
 def test_an_interrupt_keeps_the_members_that_have_an_orbit():
