@@ -9,8 +9,8 @@ from suite import slow
 
 import cablepod as cp
 from cablepod.condensed import _stepper
-from cablepod.condensed._kernels_exact_closure import close_all
 from cablepod.condensed._kernels_error import _hold_by_springs
+from cablepod.condensed._kernels_exact_closure import close_all
 from cablepod.condensed._newton import equilibria, solve_each, solved
 from cablepod.discretisation._laws import law_tension
 from cablepod.integrate import _march
