@@ -18,10 +18,11 @@ import cablepod as cp
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 STEP = 2e-3
 OUTPUTS = ("position", "tension", "tension_extremes")
-#: Options of a call: two blocks of given steps, the second not full; instants between the steps of all runs.
+#: Options of a call on all modes, as the reference has them: lanes are compiled for their number.  Given steps make two blocks, the
+#: second not full; other instants lie between the steps of all runs.
 STEPS = {
-    "given": {"rank": 3, "step": STEP, "times": np.arange(0.0, 2.01, 0.04), "outputs": OUTPUTS},
-    "fitted": {"rank": 3, "times": np.arange(0.0, 2.0, 0.0371), "outputs": (*OUTPUTS, "error_estimate")},
+    "given": {"step": STEP, "times": np.arange(0.0, 2.01, 0.04), "outputs": OUTPUTS},
+    "fitted": {"times": np.arange(0.0, 2.0, 0.0371), "outputs": (*OUTPUTS, "error_estimate")},
 }
 
 
@@ -77,7 +78,7 @@ def test_members_equal_runs_of_their_scenes_alone(soft, steps, case, dims):
 def test_variables_and_attributes_are_those_of_single_runs(soft, steps, outputs, dims):
     case = "both ends" if steps == "given" else "damping"
     scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
-    options = {"rank": 3, "step": STEP if steps == "given" else None, "outputs": outputs}
+    options = {"step": STEP if steps == "given" else None, "outputs": outputs}
     run, truth = cp.condensed.simulate(scenes, modes, **options), single_runs(scenes, modes, **options)
     assert_close(run, truth)
     assert ("tension_maximum" in run) == ("tension_extremes" in outputs)
@@ -149,7 +150,7 @@ def test_extremes_within_a_window_and_with_a_ramp_equal_those_of_runs_alone(soft
 @pytest.mark.parametrize("window", [(0.7, 9.0), (0.5, 0.5001)])
 def test_windows_that_no_member_can_have_are_refused(soft, options, window):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
-    options = options | {"rank": 3, "outputs": ("tension_extremes",), "times": [2.0], "window": window}
+    options = options | {"outputs": ("tension_extremes",), "times": [2.0], "window": window}
     with pytest.raises(cp.SceneError, match="window: given"):
         cp.condensed.simulate(scenes, modes, **options)
 
@@ -165,7 +166,7 @@ def test_members_with_one_output_instant_are_compared_at_others_too(soft):
 
 
 def test_a_given_scheme_of_fourth_order_equals_runs_alone(soft):
-    scenes, modes, options = scenes_of(soft, *CASES["tension"]), full_modes(), {"rank": 3, "scheme": "numerov"}
+    scenes, modes, options = scenes_of(soft, *CASES["tension"]), full_modes(), {"scheme": "numerov"}
     assert_equal_to_runs_alone(cp.condensed.simulate(scenes, modes, **options), scenes, modes, **options)
 
 

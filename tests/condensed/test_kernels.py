@@ -140,7 +140,7 @@ def test_steps_of_a_constant_number_of_coordinates_are_those_of_any_number(soft,
     elif case == "downhill":  # where the chordwise force is least in the last link
         mapping = {**soft, "ends": {"lower": [0.0, 6.0], "upper": [8.0, 0.0]}}
     elif case == "unstable":  # the tension grows with the distance of the ends
-        mapping, rate = {**soft, "motion": {"upper": {"x": {"kind": "ramp", "amplitude": 0.3, "duration": 1.0}}}}, 4
+        mapping["motion"], rate = {"upper": {"x": {"kind": "ramp", "amplitude": 0.3, "duration": 1.0}}}, 5
     scene, modes = cp.make_scene(mapping), full_modes(dims=3 if rank == 1 else 2)
     options = {"scheme": "numerov", "step": 1.0 / rate, "times": np.linspace(0.0, 2.0, 41)}
     outputs = ("velocity", "tension_extremes")

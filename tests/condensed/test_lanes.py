@@ -19,8 +19,8 @@ from cablepod.parameters._from_scene import Members
 
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 STEP = 2e-3
-GIVEN = {"rank": 3, "step": STEP, "times": np.array([0.0, 0.04, 0.08]), "outputs": ("tension",)}
-FITTED = {"rank": 3, "times": np.arange(0.0, 2.0, 0.0371), "outputs": ("tension", "error_estimate")}
+GIVEN = {"step": STEP, "times": np.array([0.0, 0.04, 0.08]), "outputs": ("tension",)}
+FITTED = {"times": np.arange(0.0, 2.0, 0.0371), "outputs": ("tension", "error_estimate")}
 MANY = {"cable_top_tension": np.linspace(200.0, 300.0, 41), "motion_lower_y_phase": np.linspace(0.0, 6.0, 41)}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from suite import slow
+from suite import slow_but
 
 import cablepod as cp
 
@@ -44,7 +44,7 @@ CASES: dict[str, tuple[dict[str, Any], float]] = {
 }
 
 
-@pytest.mark.parametrize("case", [slow("body"), "segments", "spring", slow("damper"), slow("ice")])
+@pytest.mark.parametrize("case", slow_but(CASES, "segments"))
 def test_gusts(case: str) -> None:
     tables, change = CASES[case]
     scene = cp.make_scene({**GUY, **tables})

@@ -120,8 +120,9 @@ def test_every_model_and_scheme_is_here(simulate):
         )
 
 
-#: Explicit steps of the condensed model are compiled for its number of modes, which the other tests leave out.
-BY_NUMBER = ("condensed velocity_verlet", "condensed numerov")
+#: Explicit steps of the condensed model are compiled for its number of modes, which the other tests leave out; those of fourth
+#: order are in condensed/test_kernels.py.
+BY_NUMBER = ("condensed velocity_verlet",)
 
 
 @pytest.mark.parametrize(
