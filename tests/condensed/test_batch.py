@@ -18,8 +18,8 @@ import cablepod as cp
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 STEP = 2e-3
 OUTPUTS = ("position", "tension", "tension_extremes")
-#: Options of a call on all modes, as the reference has them: lanes are compiled for their number.  Given steps make two blocks, the
-#: second not full; other instants lie between the steps of all runs.
+#: Options of a call on all modes, as the reference has them: lanes are compiled for their number.  Given steps make two blocks,
+#: the second not full; the other instants lie between the steps of all runs.
 STEPS = {
     "given": {"step": STEP, "times": np.arange(0.0, 2.01, 0.04), "outputs": OUTPUTS},
     "fitted": {"times": np.arange(0.0, 2.0, 0.0371), "outputs": (*OUTPUTS, "error_estimate")},
