@@ -81,44 +81,41 @@ def assert_second_order(scene_of: Callable[[int], Any], exact: np.ndarray, name:
     assert fine == pytest.approx(coarse / 4.0, abs=0.05 * least)  # the next order, and zeros where a mass rests
 
 
-@pytest.mark.parametrize(("place", "ratio"), [(0.5, 1.0), (0.3, 0.2)])
-def test_frequencies_with_a_mass(place: float, ratio: float) -> None:
-    def misfit(n: float) -> float:
-        beta = n * math.pi
-        return math.sin(beta) - ratio * beta * math.sin(beta * place) * math.sin(beta * (1.0 - place))
-
-    exact = roots_between(misfit, 3)
-    if place == 0.5:
-        assert exact == pytest.approx([0.5477054, 2.0, 2.1808164], abs=1e-7)
-    attached = [{"arc_length": place, "mass": ratio * MASS * LENGTH}]
-    assert_second_order(lambda links: string(links, attachment=attached), exact * FIRST, "angular_frequency", 4e-4)
+def at(place: float, beta: float) -> float:
+    """Return the product of the sines on both sides of a place, for beta times the length."""
+    return math.sin(beta * place) * math.sin(beta * (1.0 - place))
 
 
-def test_frequencies_of_two_parts() -> None:
-    place, ratio = 0.3, 4.0
+def misfit_of_two_parts(beta: float) -> float:
+    """Vanishes at the frequencies of a string whose second part, beyond 0.3, has four times the mass."""
+    first, second = 0.3 * beta, 0.7 * beta * 2.0
+    return math.cos(first) * math.sin(second) + 2.0 * math.sin(first) * math.cos(second)
 
-    def misfit(n: float) -> float:
-        first, second = n * math.pi * place, n * math.pi * (1.0 - place) * math.sqrt(ratio)
-        return math.cos(first) * math.sin(second) + math.sqrt(ratio) * math.sin(first) * math.cos(second)
 
-    parts = [{"to": place}, {"density": ratio * DENSITY}]
-    exact = roots_between(misfit, 3) * FIRST
+#: Tables, what vanishes at the frequencies (of beta times the length), and the error of 100 links.
+STRINGS: dict[str, tuple[dict[str, Any], Callable[[float], float], float]] = {
+    "mass in the middle": (
+        {"attachment": [{"arc_length": 0.5, "mass": MASS * LENGTH}]}, lambda b: math.sin(b) - b * at(0.5, b), 4e-4,
+    ),
+    "mass": (
+        {"attachment": [{"arc_length": 0.3, "mass": 0.2 * MASS * LENGTH}]}, lambda b: math.sin(b) - 0.2 * b * at(0.3, b), 4e-4,
+    ),
     # three links in ten lie in the first part, with a border at a particle
-    assert_second_order(lambda links: string(links, segment=parts), exact, "angular_frequency", 1e-3)
+    "two parts": ({"segment": [{"to": 0.3}, {"density": 4.0 * DENSITY}]}, misfit_of_two_parts, 1e-3),
+    "spring": (
+        {"attachment": [{"arc_length": 0.2, "spring": 500.0, "direction": "normal"}]},
+        lambda b: b * math.sin(b) + 500.0 * LENGTH / TENSION * at(0.2, b), 4e-4,
+    ),
+}  # fmt: skip
 
 
-def test_frequencies_with_a_spring() -> None:
-    place, spring = 0.2, 500.0
-
-    def misfit(n: float) -> float:
-        beta = n * math.pi
-        return beta * math.sin(beta) + spring * LENGTH / TENSION * math.sin(beta * place) * math.sin(
-            beta * (1.0 - place)
-        )
-
-    attached = [{"arc_length": place, "spring": spring, "direction": "normal"}]
-    exact = roots_between(misfit, 3) * FIRST
-    assert_second_order(lambda links: string(links, attachment=attached), exact, "angular_frequency", 4e-4)
+@pytest.mark.parametrize("case", STRINGS)
+def test_frequencies(case: str) -> None:
+    tables, misfit, least = STRINGS[case]
+    exact = roots_between(lambda n: misfit(n * math.pi), 3)
+    if case == "mass in the middle":
+        assert exact == pytest.approx([0.5477054, 2.0, 2.1808164], abs=1e-7)
+    assert_second_order(lambda links: string(links, **tables), exact * FIRST, "angular_frequency", least)
 
 
 @pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.04, 0.3), (0.1, 3.0)])
