@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -189,38 +190,38 @@ def _davenport_steels(scene: xr.Dataset, omega: float, damping: float) -> comple
     return complex(p.stiffness / chord / (1.0 + irvine / (2.0 * x) ** 2 * (np.tan(x) / x - 1.0)))
 
 
-def _driver(guy: Any) -> Any:
-    """A compiled host that moves the end harmonically along the chord and finds the complex stiffness."""
-    kernel, row, state_rows = guy.kernel, guy.FORCE_ROW, guy.state.shape[0]
+@cache
+def compiled_host(kernel: Any, row: int) -> Any:
+    """A compiled host in the plane: forces at the steps after the first; whether all were done."""
 
     @numba.njit
-    def drive(coefficients, accepted, trial, rest, along, amplitude, omega, step, steps, forces):
-        position, velocity, unknown = np.empty(2), np.empty(2), np.empty(0)
-        for k in range(steps):
-            time = (k + 1) * step
-            for d in range(2):
-                position[d] = rest[d] + amplitude * math.sin(omega * time) * along[d]
-                velocity[d] = amplitude * omega * math.cos(omega * time) * along[d]
-            if kernel(coefficients, accepted, trial, position, velocity, unknown, step) != 0:
-                return k
-            for i in range(state_rows):
-                accepted[i] = trial[i]
-            for d in range(2):
-                forces[k, d] = trial[row, d]
-        return steps
+    def host(coefficients, accepted, trial, position, velocity, step, forces):
+        unknown = np.empty(0)
+        for k in range(1, len(position)):
+            if kernel(coefficients, accepted, trial, position[k], velocity[k], unknown, step) != 0:
+                return False
+            accepted, trial = trial, accepted
+            forces[k] = accepted[row, :2]
+        return True
+
+    return host
+
+
+def _driver(guy: Any) -> Any:
+    """Return the complex stiffness by a harmonic motion of the end along the chord."""
+    host = compiled_host(guy.kernel, guy.FORCE_ROW)
 
     def stiffness(omega: float) -> complex:
         period = 2.0 * math.pi / omega
         per_period = max(round(period * 400.0), 400)
         step, settle = period / per_period, math.ceil(130.0 / period)  # e^-8 of the start is left
-        steps = (settle + 1) * per_period
-        forces, amplitude, rest = np.empty((steps, 2)), 1e-6, guy.end_position
+        phase = omega * step * np.arange((settle + 1) * per_period + 1)[:, None]
+        forces, amplitude, rest = np.empty((len(phase), 2)), 1e-6, guy.end_position
         along = rest / np.linalg.norm(rest)
-        state = guy.state
-        assert drive(guy.coefficients, state, state.copy(), rest, along, amplitude, omega, step, steps, forces) == steps
-        phase = omega * step * np.arange(1, steps + 1)[-per_period:]
-        force = ((forces - guy.force) @ along)[-per_period:]
-        return -2.0 / per_period * complex(force @ np.sin(phase), force @ np.cos(phase)) / amplitude
+        position, velocity = rest + amplitude * np.sin(phase) * along, amplitude * omega * np.cos(phase) * along
+        assert host(guy.coefficients, guy.state, guy.state, position, velocity, step, forces)
+        force, last = ((forces - guy.force) @ along)[-per_period:], phase[-per_period:, 0]
+        return -2.0 / per_period * complex(force @ np.sin(last), force @ np.cos(last)) / amplitude
 
     return stiffness
 
@@ -271,18 +272,9 @@ def test_resume_goes_on_bit_by_bit(name, tmp_path):
 
 def test_a_compiled_host_gives_the_bits_of_one_in_python():
     position, velocity, _ = table(GUY, 0.01)
-    guy, kernel, row = prepared(GUY), prepared(GUY).kernel, cp.condensed.PreparedModel.FORCE_ROW
-
-    @numba.njit
-    def host(coefficients, accepted, trial, position, velocity, step, forces):
-        for k in range(1, len(position)):
-            if kernel(coefficients, accepted, trial, position[k], velocity[k], np.empty(0), step) != 0:
-                return False
-            accepted, trial = trial, accepted
-            forces[k] = accepted[row, :2]
-        return True
-
+    guy = prepared(GUY)
     forces, accepted, trial = np.empty((201, 2)), guy.state, guy.state
+    host = compiled_host(guy.kernel, guy.FORCE_ROW)
     assert host(guy.coefficients, accepted, trial, position[:201], velocity[:201], 0.01, forces)
     given = [guy.step(position[k], velocity[k], 0.01) for k in range(1, 201)]
     np.testing.assert_array_equal(forces[1:], given)
