@@ -25,6 +25,20 @@ def shipped(request):
     return examples.scene(request.param), cp.archive.read(examples.truth_path(request.param, "linear"))
 
 
+@pytest.fixture
+def made(monkeypatch):
+    """Record runs of chains with their steps per second and trajectories: the companion comes last."""
+    found = []
+    for kind in (ExplicitChainRun, ImplicitChainRun):
+
+        def noted(run, rate, call=kind.__call__):
+            found.append((run, rate, call(run, rate)))
+            return found[-1][2]
+
+        monkeypatch.setattr(kind, "__call__", noted)
+    return found
+
+
 @pytest.mark.parametrize(
     "options",
     [*({"links": links, "tolerance": 1e-3} for links in (5, 10, 20, 40)), {"scheme": "trapezoidal", "step": 0.1}],
@@ -61,31 +75,25 @@ def test_it_does_not_change_the_run_and_is_no_default(option):
 
 
 @pytest.mark.parametrize(("option", "share"), [({"step": 0.02}, 0.5), ({"tolerance": 1e-3}, None)])
-def test_steps_of_an_implicit_companion_are_longer_with_its_links(option, share, monkeypatch):
+def test_steps_of_an_implicit_companion_are_longer_with_its_links(option, share, made):
     # most of the time of such a step does not depend on the number of links
-    made, call = [], ImplicitChainRun.__call__
-    monkeypatch.setattr(
-        ImplicitChainRun, "__call__", lambda run, rate: made.append((run.chain.links, rate)) or call(run, rate)
-    )
     cp.chain.simulate(
         examples.scene("example3"), links=20, times=[0.0, 5.0, 10.0], scheme="trapezoidal",
         outputs=("position", "error_estimate"), **option,
     )  # fmt: skip
-    (links, rate), (fewer, lower) = made[-2:]
-    assert links == 20 > fewer
-    assert lower == pytest.approx(rate * (share or fewer / links))
+    (run, rate, _), (companion, lower, _) = made[-2:]
+    assert run.chain.links == 20 > companion.chain.links
+    assert lower == pytest.approx(rate * (share or companion.chain.links / 20))
 
 
 @pytest.mark.parametrize("links", [5, 10, 20, 40])
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.65, 0.8, 0.99])
-def test_a_companion_of_a_given_explicit_step_makes_at_most_half_as_many(part, links, monkeypatch):
-    made, call = [], ExplicitChainRun.__call__
-    monkeypatch.setattr(ExplicitChainRun, "__call__", lambda run, rate: made.append((run, rate)) or call(run, rate))
+def test_a_companion_of_a_given_explicit_step_makes_at_most_half_as_many(part, links, made):
     scene = examples.scene("example3")
     limit = cp.chain.simulate(scene, links=links, times=[0.0, 0.1], step=1e-5).attrs["step_limit"]
     made.clear()
     cp.chain.simulate(scene, links=links, times=[0.0, 2.0], step=part * limit, outputs=("error_estimate",))
-    (run, rate), (companion, lower) = made
+    (run, rate, _), (companion, lower, _) = made
     assert companion.chain.links < run.chain.links
     assert lower <= 0.5 * rate
     assert 1.0 / lower <= companion.step_limit * max(0.9, part) * (1.0 + 1e-9)
@@ -96,20 +104,13 @@ def test_a_companion_of_a_given_explicit_step_makes_at_most_half_as_many(part, l
     ("simulate", "option"),
     [(cp.chain.simulate, {"links": links}) for links in (10, 40)] + [(cp.cable.simulate, {"elements": 4})],
 )
-def test_an_implicit_companion_makes_half_the_iterations(name, simulate, option, monkeypatch):
+def test_an_implicit_companion_makes_half_the_iterations(name, simulate, option, made):
     # of a run with one iteration a step; with its tolerance the steps of the companion, twice as long, take two in example 3
-    made, call = [], ImplicitChainRun.__call__
-
-    def noted(run, rate):
-        made.append(call(run, rate))
-        return made[-1]
-
-    monkeypatch.setattr(ImplicitChainRun, "__call__", noted)
     simulate(
         examples.scene(name), law="linear", times=np.linspace(0.0, 60.0, 601), scheme="trapezoidal", step=0.02,
         outputs=("error_estimate",), **option,
     )  # fmt: skip
-    run, companion = (state.diagnostics["newton_iterations"] for state in made)
+    run, companion = (state.diagnostics["newton_iterations"] for _, _, state in made)
     assert companion <= 0.52 * run
 
 

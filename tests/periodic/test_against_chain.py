@@ -67,9 +67,7 @@ def size(field):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")  # tension after the start of the ends with a speed
 @pytest.mark.filterwarnings("ignore::cablepod.VelocityJumpWarning")
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if i > 2 else []) for i, name in enumerate(POINTS)]
-)
+@pytest.mark.parametrize("name", POINTS)
 def test_the_chain_settles_on_the_orbit(name):
     omega, _, _, settled = POINTS[name]
     periods = 2 if name == "doubled" else 1

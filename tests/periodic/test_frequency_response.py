@@ -136,9 +136,8 @@ def test_bifurcations_are_those_of_the_chain_extrapolated_in_its_links():
             assert main.bifurcation_angular_frequency.values[here] == pytest.approx(expected, rel=2e-4)
 
 
-def test_points_end_a_branch_and_are_the_limit_of_all():
-    scene = loaded(0.6, 7.0, 0.05)
-    modes = cp.condensed.vibration_modes(scene, rank=2)
+def test_points_end_a_branch_and_are_the_limit_of_all(whirling):
+    scene, modes, _ = whirling
     response = cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0), points=20)
     assert response.sizes["point"] <= 20
     assert response.attrs["branch_1_ended"] == "points"
@@ -152,9 +151,8 @@ def test_a_slack_cable_ends_a_branch():
     assert "slack" in [response.attrs[name] for name in response.attrs if name.endswith("_ended")]
 
 
-def test_what_was_traced_is_kept_after_an_interrupt():
-    scene = loaded(0.6, 7.0, 0.05)
-    modes = cp.condensed.vibration_modes(scene, rank=2)
+def test_what_was_traced_is_kept_after_an_interrupt(whirling):
+    scene, modes, _ = whirling
 
     def stop(share):
         if share > 0.3:
