@@ -123,14 +123,6 @@ def test_amplitudes_reconstruct_the_deflection_and_inputs_are_unchanged(soft, mo
 # --- choice of the step, limiting cases -------------------------------------------------------------------------------
 
 
-def test_the_chosen_step_meets_the_tolerance(soft, modes):
-    scene = cp.make_scene(soft)
-    run = cp.condensed.simulate(scene, modes[2], rank=3, tolerance=1e-5)
-    exact = cp.condensed.simulate(scene, modes[2], rank=3, step=run.attrs["step"] / 8)
-    assert run.attrs["scheme"] == "velocity_verlet"
-    assert float(cp.compare.errors(run, exact).error_max) < 1e-5
-
-
 def test_a_stiff_cable_takes_implicit_steps(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     scene["cable_youngs_modulus"] = 1e13 / float(scene["cable_area"])

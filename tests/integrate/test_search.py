@@ -40,15 +40,30 @@ def test_every_run_has_twenty_steps_in_a_ramp_of_the_wind(soft, model):
     assert 0.025 < 2.0 * run.attrs["step"] <= 0.05
 
 
-@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
-def test_one_instant_is_as_good_as_many(soft, scheme):
-    scene, options = cp.make_scene(soft), {"scheme": scheme, "tolerance": 1e-3, "outputs": ("position",)}
-    one = cp.chain.simulate(scene, times=[4.0], **options)
-    many = cp.chain.simulate(scene, times=np.linspace(0.0, 4.0, 65), **options)
+@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")
+@pytest.mark.parametrize(
+    ("model", "options"),
+    [
+        ("chain", {"scheme": "velocity_verlet", "tolerance": 1e-3}),
+        ("chain", {"scheme": "trapezoidal", "tolerance": 1e-3}),
+        ("condensed", {}),
+        ("condensed", {"tolerance": 1e-3}),
+        ("condensed", {"tolerance": 1e-4, "scheme": "trapezoidal"}),
+    ],
+)
+def test_one_instant_is_as_good_as_many(soft, model, options):
+    # at one instant two runs may agree by luck
+    scene, simulate = cp.make_scene(soft), getattr(cp, model).simulate
+    options = options | options_of(model, soft, rank=3) | {"outputs": ("position",)}
+    one = simulate(scene, times=[4.0], **options)
+    many = simulate(scene, times=np.linspace(0.0, 4.0, 65), **options)
     assert one.attrs["step"] == many.attrs["step"]
-    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.4)
+    allowed = 0.4 if model == "chain" else 0.25
+    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=allowed)
     assert one.time.values.tolist() == [4.0]
-    np.testing.assert_array_equal(one.position[-1], many.position[-1])
+    # of the condensed model the matrix products of one instant and of many sum in another order
+    rounding = 0.0 if model == "chain" else 1e-14
+    np.testing.assert_allclose(one.position[-1], many.position[-1], rtol=rounding, atol=0.1 * rounding)
 
 
 def test_a_chain_keeps_the_tolerance_in_its_tensions(soft):
