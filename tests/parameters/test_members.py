@@ -1,4 +1,4 @@
-"""Parameters of scenes with several members, and of what is no scene."""
+"""Scenes with several members, and what is no scene."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import xarray as xr
 from scene_files import everything
 
 import cablepod as cp
-from cablepod.parameters._from_scene import Members, parameters
 
 
 def concatenated(*scenes):
     return xr.concat(scenes, "member", data_vars="all", coords="minimal", compat="equals", join="outer")
 
 
-def equal(a, b):
-    for name in a.__dataclass_fields__:
-        x, y = getattr(a, name), getattr(b, name)
-        if name in ("motions", "initial"):
-            assert x.keys() == y.keys()
-        elif name == "point_loads":
-            assert [item.key for item in x] == [item.key for item in y]
-        elif name != "load_factor":
-            np.testing.assert_array_equal(x, y, err_msg=name)
+def assert_members_are(many, each):
+    """Hold that each member has the rest and the motion of the scene that it was made of."""
+    for i, scene in enumerate(each):
+        of_member = many.assign_coords(member=range(len(each))).isel(member=i)
+        xr.testing.assert_equal(
+            cp.catenary.rest(of_member).drop_vars("member", errors="ignore"), cp.catenary.rest(scene)
+        )
+        run, expected = (cp.chain.simulate(item, step=1e-3) for item in (of_member, scene))
+        np.testing.assert_array_equal(run.time, expected.time)
+        np.testing.assert_array_equal(run.position, expected.position)
 
 
 @pytest.mark.parametrize("dims", [("member", "coordinate"), ("coordinate", "member")])
@@ -34,11 +34,13 @@ def test_members_are_the_scenes_they_were_made_of(soft, dims):
         soft["ends"]["upper"] = [8.0, 6.0 + tension / 1e3]
         each.append(cp.make_scene(soft))
     many = concatenated(*each).transpose(*dims, ...)
-    for member, scene in zip(Members(many), each, strict=True):
-        equal(member, parameters(scene))
+    assert_members_are(many, each)
+    rest = cp.catenary.rest(many)
+    for i, scene in enumerate(each):
+        np.testing.assert_array_equal(rest.position[i], cp.catenary.rest(scene).position)
+    modes = cp.condensed.vibration_modes(each[0], rank=1)
     with pytest.raises(cp.SceneError, match=r"scene: given several members; allowed: one, scene\.isel\(member=0\)"):
-        parameters(many)
-    equal(parameters(many.isel(member=1)), parameters(each[1]))
+        cp.condensed.prepare(many, modes)
 
 
 def test_members_may_differ_in_what_they_have(soft, scene_folder):
@@ -46,14 +48,7 @@ def test_members_may_differ_in_what_they_have(soft, scene_folder):
     other["cable"] = {"youngs_modulus": 2e7, "area": 1e-3, "specific_weight": 9810.0, "unstretched_length": 10.1}
     del other["ensemble"]
     each = [cp.make_scene(soft), cp.make_scene(other)]
-    for member, scene in zip(Members(concatenated(*each)), each, strict=True):
-        equal(member, parameters(scene))
-
-
-def test_a_scene_without_members_is_a_list_of_one(soft):
-    scene = cp.make_scene(soft)
-    (only,) = Members(scene)
-    equal(only, parameters(scene))
+    assert_members_are(concatenated(*each), each)
 
 
 @pytest.mark.parametrize("lacking", ["gravity", "ends_lower"])
@@ -85,6 +80,6 @@ def test_a_scene_that_lost_a_key(soft, lacking, message):
 
 def test_a_scene_that_lost_its_length_or_weight(soft):
     with pytest.raises(cp.SceneError, match=r"cable: given none; allowed: exactly one of top_tension, bottom_tension"):
-        parameters(cp.make_scene(soft).drop_vars("cable_top_tension"))
+        cp.chain.rest(cp.make_scene(soft).drop_vars("cable_top_tension"))
     with pytest.raises(cp.SceneError, match=r"cable: given none; allowed: exactly one of specific_weight, density"):
-        parameters(cp.make_scene(soft).drop_vars("cable_density"))
+        cp.chain.rest(cp.make_scene(soft).drop_vars("cable_density"))

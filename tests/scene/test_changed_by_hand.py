@@ -9,8 +9,6 @@ from mast_scenes import SMALL, WIND
 
 import cablepod as cp
 from cablepod import examples
-from cablepod.parameters import _scene_values
-from cablepod.parameters._from_scene import Members  # of scenes without [chain], which no model runs
 
 CHANGES = [
     ("gravity", -9.81, r"gravity: given -9.81; allowed: a finite number of at least 0"),
@@ -101,16 +99,12 @@ def test_whole_numbers_may_be_floats_where_a_member_lacks_them():
     scenes = [cp.make_scene({**tree, "chain": {"links": 8}}), cp.make_scene(tree)]
     both = xr.concat(scenes, "member", data_vars="all", coords="minimal", join="outer")
     assert both["chain_links"].dtype == float
-    assert [p.links for p in Members(both)] == [8, None]
+    assert cp.chain.rest(both.isel(member=0)).sizes["link"] == 8
+    assert cp.chain.rest(both, links=5).sizes["link"] == 5
+    with pytest.warns(cp.MemberFailedWarning, match=r"member 1: chain\.links: missing; allowed: a whole number"):
+        cp.chain.rest(both)
     with pytest.raises(cp.SceneError, match=r"chain\.links: given 8\.5; allowed: a whole number"):
-        Members(both.assign(chain_links=both["chain_links"] + 0.5))
-
-
-def test_most_values_are_checked_once(monkeypatch):
-    scene = examples.scene("example2")
-    Members(scene)
-    monkeypatch.setattr(_scene_values, "key_at", None)
-    Members(scene.copy(deep=True))
+        cp.catenary.rest(both.assign(chain_links=both["chain_links"] + 0.5))
 
 
 GUY = {

@@ -10,7 +10,6 @@ import pytest
 from scene_files import put, refused
 
 import cablepod as cp
-from cablepod.parameters._from_scene import parameters
 
 
 def test_defaults(soft):
@@ -19,18 +18,16 @@ def test_defaults(soft):
     soft["motion"] = {"upper": {"x": {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": 2.0}}}
     soft["ensemble"] = {"members": 2, "ranges": {"gravity": [9.0, 10.0]}}
     scene = cp.make_scene(soft)
-    p = parameters(scene)
+    given = {"cable_youngs_modulus", "cable_area", "cable_density", "cable_top_tension", "ends_lower", "ends_upper"}
+    motion = {f"motion_upper_x_{key}" for key in ("kind", "amplitude", "angular_frequency", "phase")}
+    assert set(scene.variables) == {"coordinate", "gravity"} | given | motion
     assert scene["gravity"] == 9.81
     assert scene["motion_upper_x_phase"] == 0.0
     assert scene.attrs["title"]
     chosen = json.loads(scene.attrs["ensemble_json"])
     assert (chosen["seed"], chosen["sampling"]) == (0, "latin_hypercube")
-    absent = (p.free_end, p.load, p.load_factor, p.duration, p.links, p.link_lengths, p.mass_damping, p.link_viscosity)
-    assert all(item is None for item in absent)
-    assert p.point_loads == ()
-    assert p.initial == {}
     with pytest.raises(cp.SceneError, match=r"time: missing; allowed: a table with duration and interval \[s\], or"):
-        p.times()
+        cp.chain.simulate(scene, links=4)
 
 
 LENGTHS = {"top_tension": 200.0, "bottom_tension": 141.0, "horizontal_force": 130.0, "unstretched_length": 10.0}
@@ -76,14 +73,6 @@ def test_what_is_allowed(soft, changes):
     assert int(cp.make_scene(soft).chain_links) == (3 if "chain.links" in changes else 8)
 
 
-def test_a_load_of_nothing_is_absent(soft):
-    soft["load"] = {"uniform": [0.0, 0.0]}
-    soft["point_load"] = [{"arc_length": 0.5, "force": [0.0, 0.0]}]
-    p = parameters(cp.make_scene(soft))
-    assert p.load is None
-    assert p.point_loads == ()
-
-
 def test_a_weightless_slack_cable_may_start_from_points(soft):
     soft["gravity"] = 0.0
     soft["cable"] = {"youngs_modulus": 2e7, "area": 1e-3, "density": 1000.0, "unstretched_length": 11.0}
@@ -103,7 +92,8 @@ def test_a_spatial_scene(soft):
     soft["load"] = {"uniform": [0.0, 0.0, 2.0]}
     scene = cp.make_scene(soft)
     assert list(scene["coordinate"].values) == ["x", "y", "z"]
-    np.testing.assert_allclose(parameters(scene).end_positions(np.array([2.0]))[0], [[0, 0, 0], [3, 6, 4.5]])
+    ends = cp.chain.simulate(scene, times=[2.0], step=1e-3).position.values[0, [0, -1]]
+    np.testing.assert_allclose(ends, [[0, 0, 0], [3, 6, 4.5]], rtol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +101,7 @@ def test_a_spatial_scene(soft):
 )
 def test_the_instants(soft, duration, interval, count):
     soft["time"] = {"duration": duration, "interval": interval}
-    times = parameters(cp.make_scene(soft)).times()
+    times = cp.chain.simulate(cp.make_scene(soft), step=4e-3).time
     assert times.size == count
     np.testing.assert_allclose(times, interval * np.arange(count))
 
@@ -123,13 +113,11 @@ SHIPPED = {1: 61.236754645982, 2: 61.155551941825, 3: 61.198027145477, 4: 61.229
 def test_the_shipped_scenes(scenes, number):
     scene = cp.read_scene(scenes / f"example{number}.toml")
     assert float(cp.catenary.rest(scene)["unstretched_length"]) == pytest.approx(SHIPPED[number], abs=2e-12 * 60)
-    p = parameters(scene)
-    assert p.stiffness == pytest.approx(2e7, rel=1e-15)
-    assert p.mass == pytest.approx(78500 * 1.25e-4 / 9.81, rel=1e-15)
-    assert p.links == 40
-    np.testing.assert_array_equal(p.times(), np.arange(125.0))
-    assert p.motions["upper", "x"](0.0) == 0.0
-    assert len(p.motions) == 1
+    numbers = cp.summary(scene)
+    assert float(numbers.axial_stiffness) == pytest.approx(2e7, rel=1e-15)
+    assert float(numbers.mass_per_length) == pytest.approx(78500 * 1.25e-4 / 9.81, rel=1e-15)
+    assert (int(scene.chain_links), float(scene.time_duration), float(scene.time_interval)) == (40, 124.0, 1.0)
+    assert [name for name in scene if str(name).endswith("_kind")] == ["motion_upper_x_kind"]
 
 
 def test_density_and_specific_weight_are_two_names_of_one_cable(soft):

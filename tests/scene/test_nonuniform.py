@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import cablepod as cp
 from cablepod.errors import SceneError
-from cablepod.parameters._from_scene import Members, parameters
-from cablepod.parameters._nonuniform import attachment_fractions
 
 CABLE = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "unstretched_length": 61.156, "diameter": 0.014}
 BASE: dict[str, Any] = {
@@ -76,77 +74,60 @@ def test_attachments_are_refused_by_key(tables: Any, message: str) -> None:
     assert str(error.value).startswith(message)
 
 
+def of_links(scene: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Axial stiffness [N] of each link and mass [kg] of each inner particle, from the chain at rest."""
+    rest = cp.chain.rest(scene)
+    reach = np.diff(rest.position, axis=0)
+    length = np.linalg.norm(reach, axis=1)
+    tension = rest.tension.values
+    return tension / (length / np.diff(rest.arc_length) - 1.0), np.diff(tension * reach[:, 1] / length) / 9.81
+
+
+#: Rounding of positions over the strain, 1e-3, and of tensions over the weight of a particle, 4e-3.
+RTOL = 1e-10
+LINK = 61.156 / 10
+
+
 def test_segment_has_the_keys_of_the_cable_that_it_leaves_out() -> None:
     heavier = {"from": 0.4, "specific_weight": 2 * 8000.0 * 9.81, "area": 2.5e-4, "strand": "EHS 1/2 in"}
-    p = parameters(cp.make_scene({**BASE, "segment": [{"to": 0.4}, heavier]}))
-    lower, upper = p.segments
-    assert (lower.start, lower.end, upper.start, upper.end) == (0.0, 0.4, 0.4, 1.0)
-    assert (lower.mass, lower.stiffness) == (1.0, 2e7)
-    assert upper.mass == pytest.approx(4.0, rel=1e-15)  # the own weight in place of the density of strand and cable
-    assert upper.breaking_strength is not None
-    assert lower.breaking_strength is None
-    assert p.mass == pytest.approx(0.4 * 1.0 + 0.6 * 4.0, rel=1e-15)
-    assert p.weight[1] == pytest.approx(-9.81 * p.mass, rel=1e-15)
-    assert p.area is None  # tension over area is no stress of the whole
-    assert p.breaking_strength == upper.breaking_strength
-    assert 1.0 / p.stiffness == pytest.approx(0.4 / lower.stiffness + 0.6 / upper.stiffness, rel=1e-15)
+    scene = cp.make_scene({**BASE, "segment": [{"to": 0.4}, heavier]})
+    stiffness, mass = of_links(scene)
+    strand = float(cp.make_scene({**BASE, "cable": {"strand": "EHS 1/2 in", "top_tension": 1e4}}).cable_youngs_modulus)
+    np.testing.assert_allclose(stiffness, [2e7] * 4 + [2.5e-4 * strand] * 6, rtol=RTOL)
+    # the own weight in place of the density of strand and cable
+    np.testing.assert_allclose(mass / LINK, [1.0] * 3 + [2.5] + [4.0] * 5, rtol=RTOL)
+    numbers = cp.summary(scene)
+    assert float(numbers.mass_per_length) == pytest.approx(0.4 * 1.0 + 0.6 * 4.0, rel=1e-15)
+    assert float(numbers.weight_per_length) == pytest.approx(9.81 * 2.8, rel=1e-15)
+    assert 1.0 / float(numbers.axial_stiffness) == pytest.approx(0.4 / 2e7 + 0.6 / (2.5e-4 * strand), rel=1e-15)
+    assert float(numbers.breaking_strength) == pytest.approx(26900 * 4.4482216152605, rel=5e-5)  # of the strand, in lbf
+    assert float(numbers.utilisation) == pytest.approx(float(numbers.tension_upper / numbers.breaking_strength))
 
 
 def test_segment_by_stiffness_and_mass_per_length() -> None:
     segments = [{"to": 0.4, "axial_stiffness": 3e7}, {"mass_per_length": 2.5}]
-    p = parameters(cp.make_scene({**BASE, "segment": segments}))
-    assert [segment.stiffness for segment in p.segments] == [3e7, 2e7]
-    assert [segment.mass for segment in p.segments] == [1.0, 2.5]
+    stiffness, mass = of_links(cp.make_scene({**BASE, "segment": segments}))
+    np.testing.assert_allclose(stiffness, [3e7] * 4 + [2e7] * 6, rtol=RTOL)
+    np.testing.assert_allclose(mass / LINK, [1.0] * 3 + [1.75] + [2.5] * 5, rtol=RTOL)
 
 
 def test_segments_stand_in_any_order_and_equal_ones_are_none() -> None:
     first, second = {"from": 0.0, "to": 0.4}, {"from": 0.4, "to": 1.0, "area": 2e-4}
-    turned = parameters(cp.make_scene({**BASE, "segment": [second, first]}))
-    assert [segment.stiffness for segment in turned.segments] == [2e7, 3.2e7]
-    equal = parameters(cp.make_scene({**BASE, "segment": [first, {**second, "area": CABLE["area"]}]}))
-    assert equal.segments == ()
-    assert (equal.mass, equal.stiffness) == (1.0, 2e7)
+    turned = of_links(cp.make_scene({**BASE, "segment": [second, first]}))[0]
+    np.testing.assert_allclose(turned, [2e7] * 4 + [3.2e7] * 6, rtol=RTOL)
+    equal = cp.make_scene({**BASE, "segment": [first, {**second, "area": CABLE["area"]}]})
+    np.testing.assert_array_equal(np.concatenate(of_links(equal)), np.concatenate(of_links(cp.make_scene(BASE))))
 
 
-def test_ice_grows_on_each_segment_by_its_diameter() -> None:
-    ice = {"thickness": 0.01, "density": 700.0}
-    segments = [{"to": 0.4}, {"diameter": 0.03}]
-    p = parameters(cp.make_scene({**BASE, "segment": segments, "ice": ice, "attachment": [MASS]}))
-    for segment, diameter in zip(p.segments, (0.014, 0.03), strict=True):
-        assert segment.mass == pytest.approx(1.0 + 700.0 * math.pi * 0.01 * (diameter + 0.01), rel=1e-14)
-        assert segment.diameter == pytest.approx(diameter + 0.02, rel=1e-14)
-    assert p.bare is not None
-    assert [segment.mass for segment in p.bare.segments] == [1.0, 1.0]
-    assert [attachment.mass for attachment in p.bare.attachments] == [60.0]
-
-
-def test_places_and_directions_of_attachments() -> None:
-    damper = {"damper": 50.0, "direction": "normal"}
-    tables = [
-        MASS,
-        {"distance_from_lower": 6.1156, **damper},
-        {"distance_from_upper": 6.1156, "spring": 2.0, "direction": [3.0, 4.0]},
-    ]
-    p = parameters(cp.make_scene({**BASE, "attachment": tables}))
-    np.testing.assert_allclose(attachment_fractions(p, 61.156), [0.5, 0.1, 0.9], rtol=1e-14)
-    normal, given = p.attachments[1].direction, p.attachments[2].direction
-    assert normal is not None
-    assert given is not None
-    np.testing.assert_allclose(normal, np.array([-57.7, 20.4]) / math.hypot(57.7, 20.4), rtol=1e-14)
-    np.testing.assert_allclose(given, [0.6, 0.8], rtol=1e-15)
-    upright = {**BASE, "ends": {"lower": [0.0, 0.0], "upper": [0.0, 57.7]}}
-    with pytest.raises(SceneError, match=r"^attachment\.1\.direction: given 'normal'"):
-        cp.make_scene({**upright, "attachment": [{"arc_length": 0.5, **damper}]})
-
-
-def test_free_end_bears_an_attachment() -> None:
-    free = {**BASE, "ends": {**BASE["ends"], "free": "upper"}, "attachment": [{"arc_length": 1.0, "mass": 3.0}]}
-    assert attachment_fractions(parameters(cp.make_scene(free)), 61.156).tolist() == [1.0]
+def test_places_of_attached_masses() -> None:
+    tables = [MASS, {"distance_from_lower": 6.1156, "mass": 20.0}, {"distance_from_upper": 6.1156, "mass": 30.0}]
+    mass = of_links(cp.make_scene({**BASE, "attachment": tables}))[1]
+    np.testing.assert_allclose(mass - LINK, [20.0, 0, 0, 0, 60.0, 0, 0, 0, 30.0], rtol=0, atol=LINK * 1e-9)
 
 
 def test_place_and_size_vary_over_members() -> None:
     damper = {"arc_length": 0.5, "mass": 60.0, "damper": 3.0, "direction": [0.0, 1.0]}
-    scene = cp.make_scene({**BASE, "segment": [{"to": 0.4, "area": 2e-4}, {}], "attachment": [damper]})
+    tables = {"segment": [{"to": 0.4, "area": 2e-4}, {}], "attachment": [damper]}
     values = {
         "segment.1.to": [0.3, 0.6],
         "segment.1.area": [2e-4, 3e-4],
@@ -154,23 +135,27 @@ def test_place_and_size_vary_over_members() -> None:
         "attachment.1.arc_length": [0.1, 0.2],
         "attachment.1.direction.x": [0.0, 1.0],
     }
-    members = Members(cp.ensemble.design(scene, values, members=2, sampling="list"))
-    assert not members.can_be_stacked
-    for member, p in enumerate(members):
-        assert [segment.start for segment in p.segments] == [0.0, values["segment.1.to"][member]]
-        assert p.segments[0].area == values["segment.1.area"][member]
-        (attachment,) = p.attachments
-        assert (attachment.mass, attachment.place) == (values["attachment.1.mass"][member], [0.1, 0.2][member])
-        np.testing.assert_allclose(attachment.direction, [[0.0, 1.0], [math.sqrt(0.5)] * 2][member], rtol=1e-15)
+    members = cp.ensemble.design(cp.make_scene({**BASE, **tables}), values, members=2, sampling="list")
+    together = cp.cable.frequencies(members, count=2)
+    for member in range(2):
+        to, area, mass, place, x = (row[member] for row in values.values())
+        changed = {**damper, "mass": mass, "arc_length": place, "direction": [x, 1.0]}
+        single = cp.make_scene({**BASE, "segment": [{"to": to, "area": area}, {}], "attachment": [changed]})
+        np.testing.assert_array_equal(
+            np.concatenate(of_links(members.isel(member=member))), np.concatenate(of_links(single))
+        )
+        alone = cp.cable.frequencies(single, count=2)
+        for name in ("angular_frequency", "damping_ratio"):
+            np.testing.assert_allclose(together[name][member], alone[name], rtol=1e-9)
 
 
 def test_scene_file_and_archive_keep_the_tables(tmp_path: Any) -> None:
     damper = {"distance_from_upper": 3.0, "damper": 50.0, "direction": "normal"}
     scene = cp.make_scene({**BASE, "segment": [{"to": 0.4, "area": 2e-4}, {}], "attachment": [MASS, damper]})
     cp.archive.write(scene, tmp_path / "scene.nc")
-    p, again = parameters(scene), parameters(cp.archive.read(tmp_path / "scene.nc"))
-    assert [segment.stiffness for segment in again.segments] == [segment.stiffness for segment in p.segments]
-    assert [attachment.place for attachment in again.attachments] == [0.5, 3.0]
+    again = cp.archive.read(tmp_path / "scene.nc")
+    xr.testing.assert_identical(again.drop_attrs(), scene.drop_attrs())
+    np.testing.assert_array_equal(np.concatenate(of_links(again)), np.concatenate(of_links(scene)))
     by_path = {"segment.1.to": 0.4, "segment.1.area": 2e-4, "segment.2.to": 1.0}
     by_path |= {"attachment.1.arc_length": 0.5, "attachment.1.mass": 60.0}
     by_path |= {f"attachment.2.{name}": value for name, value in damper.items()}

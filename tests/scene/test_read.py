@@ -12,8 +12,6 @@ import xarray as xr
 from scene_files import EVERYTHING, RECORD, ROWS, csv, everything, put, write
 
 import cablepod as cp
-from cablepod.parameters import _keys as scene_keys
-from cablepod.parameters._from_scene import parameters
 
 
 def test_file_and_values_give_the_same_scene(scene_folder):
@@ -32,31 +30,32 @@ def test_a_record_is_looked_for_beside_the_scene_file(scene_folder, monkeypatch,
 
 def test_everything_given_is_in_the_scene(scene_folder):
     scene = cp.make_scene(everything())
-    p = parameters(scene)
     assert scene.attrs["title"] == "every table and kind"
-    assert p.stiffness == 2e4
-    assert p.mass == 1.0
-    np.testing.assert_array_equal(p.weight, [0.0, -9.7])
-    np.testing.assert_array_equal(p.lower, [0, 0])
-    np.testing.assert_array_equal(p.upper, [8, 6])
-    assert (p.length_key, p.length_value) == ("top_tension", 200.0)
-    assert {key: item.kind for key, item in p.motions.items()} == {
-        ("upper", "x"): "one_minus_cosine",
-        ("upper", "y"): "harmonic",
-        ("lower", "x"): "ramp",
-        ("lower", "y"): "polynomial",
+    times, factors = np.loadtxt("record.csv", delimiter=",", skiprows=2).T
+    assert {name: scene[name].values.tolist() for name in scene.data_vars} == {
+        "gravity": 9.7,
+        **{"cable_youngs_modulus": 2e7, "cable_area": 1e-3, "cable_density": 1000.0, "cable_top_tension": 200.0},
+        **{"ends_lower": [0.0, 0.0], "ends_upper": [8.0, 6.0]},
+        **{"motion_upper_x_kind": "one_minus_cosine", "motion_upper_x_amplitude": -0.05},
+        **{
+            "motion_upper_x_angular_frequency": 2.0,
+            "motion_upper_y_kind": "harmonic",
+            "motion_upper_y_amplitude": 0.02,
+        },
+        **{"motion_upper_y_angular_frequency": 3.0, "motion_upper_y_phase": 0.3, "motion_lower_x_kind": "ramp"},
+        **{"motion_lower_x_amplitude": 0.1, "motion_lower_x_duration": 2.0, "motion_lower_y_kind": "polynomial"},
+        "motion_lower_y_coefficients": [0.0, 0.01, 0.002],
+        **{"load_uniform": [1.0, -2.0], "load_kind": "file", "load_path": "record.csv"},
+        **{"load_time": times.tolist(), "load_value": factors.tolist()},
+        **{"point_load_1_arc_length": 0.25, "point_load_1_force": [0.0, -5.0]},
+        **{"point_load_2_arc_length": 0.5, "point_load_2_force": [3.0, 0.0], "point_load_2_kind": "harmonic"},
+        **{"point_load_2_amplitude": 1.0, "point_load_2_angular_frequency": 2.5, "point_load_2_phase": 0.0},
+        **{"time_duration": 4.0, "time_interval": 0.5, "chain_links": 3, "chain_link_lengths": [1.0, 2.0, 1.0]},
+        **{"initial_top_tension": 260.0, "damping_mass_proportional": 0.1, "damping_link_viscosity": 1e-3},
     }
-    np.testing.assert_array_equal(p.load, [1.0, -2.0])
-    assert p.load_factor(1.0) == pytest.approx(0.1 * 16)
-    assert [(item.key, item.fraction) for item in p.point_loads] == [("point_load.1", 0.25), ("point_load.2", 0.5)]
-    np.testing.assert_array_equal(p.point_loads[0].force, [0.0, -5.0])
-    assert p.point_loads[0].factor is None
-    assert p.point_loads[1].factor(1.0) == pytest.approx(np.sin(2.5))
-    np.testing.assert_array_equal(p.times(), np.arange(9) * 0.5)
-    assert p.links == 3
-    np.testing.assert_array_equal(p.link_lengths, [1, 2, 1])
-    assert p.initial == {"top_tension": 260.0}
-    assert (p.mass_damping, p.link_viscosity) == (0.1, 1e-3)
+    numbers = cp.summary(scene)
+    assert (float(numbers.axial_stiffness), float(numbers.mass_per_length)) == (2e4, 1.0)
+    assert float(numbers.weight_per_length) == 9.7
     assert json.loads(scene.attrs["ensemble_json"]) == {
         "members": 48,
         "seed": 5,
@@ -65,18 +64,31 @@ def test_everything_given_is_in_the_scene(scene_folder):
     }
 
 
-def test_the_end_positions_are_those_of_the_motions(scene_folder):
-    p = parameters(cp.make_scene(everything()))
+def test_the_end_positions_are_those_of_the_motions(soft):
     t = np.array([0.0, 0.7, 3.1])
+    scene = cp.make_scene({**soft, "motion": everything()["motion"]})
+    run = cp.chain.simulate(scene, times=t, step=1e-3, outputs=("position", "velocity"))
     s = np.clip(t / 2, 0, 1)
     lower = np.stack([0.1 * (10 * s**3 - 15 * s**4 + 6 * s**5), 0.01 * t**2 + 0.002 * t**3], axis=-1)
     upper = np.stack(
         [8 - 0.05 * (1 - np.cos(2 * t)), 6 + 0.02 * (np.sin(3 * t + 0.3) - np.sin(0.3))],
         axis=-1,
     )
-    np.testing.assert_allclose(p.end_positions(t), np.stack([lower, upper], axis=1), rtol=0, atol=1e-15)
-    rate = (p.end_positions(t + 1e-5) - p.end_positions(t - 1e-5)) / 2e-5
-    np.testing.assert_allclose(p.end_positions(t, 1), rate, rtol=0, atol=1e-9)
+    found = run.isel(particle=[0, -1])
+    np.testing.assert_allclose(found.position, np.stack([lower, upper], axis=1), rtol=0, atol=1e-15)
+    rates = np.stack([0.05 * (30 * s**2 - 60 * s**3 + 30 * s**4), 0.02 * t + 0.006 * t**2], axis=-1)
+    rates = np.stack([rates, np.stack([-0.1 * np.sin(2 * t), 0.06 * np.cos(3 * t + 0.3)], axis=-1)], axis=1)
+    np.testing.assert_allclose(found.velocity, rates, rtol=0, atol=1e-14)
+
+
+def test_a_record_of_a_load_moves_as_the_polynomial_that_it_is(soft, scene_folder):
+    # the record is 1.6 t^2, which a cubic spline has exactly
+    loads = [everything()["load"], {"uniform": [1.0, -2.0], "kind": "polynomial", "coefficients": [0.0, 1.6]}]
+    record, formula = (cp.chain.simulate(cp.make_scene({**soft, "load": load}), step=1e-3) for load in loads)
+    np.testing.assert_allclose(
+        record.position, formula.position, rtol=0, atol=1e-9
+    )  # rounding, which the motion amplifies
+    assert np.abs(formula.position - formula.position[0]).max() > 0.1
 
 
 def test_every_number_has_units_and_every_variable_a_long_name(scene_folder):
@@ -90,28 +102,6 @@ def test_every_number_has_units_and_every_variable_a_long_name(scene_folder):
     assert scene["cable_youngs_modulus"].attrs["units"] == "Pa"
     assert scene["motion_upper_y_phase"].attrs["units"] == "rad"
     assert scene["load_value"].attrs["units"] == "1"
-
-
-def test_every_key_of_the_schema_has_a_long_name_and_units_unless_a_text_or_truth():
-    tables = [scene_keys.TOP, *scene_keys.TABLES.values(), scene_keys.POINT_LOAD, scene_keys.ENSEMBLE]
-    tables += [keys for units in ("m", "1") for keys in scene_keys.time_function_keys(units).values()]
-    texts = {
-        "title",
-        "free",
-        "sampling",
-        "path",
-        "strand",
-        "strand_table",
-        "profile",
-        "spectrum",
-        "record",
-        "record_sha256",
-        "exact_mean",
-    }
-    for keys in tables:
-        for name, key in keys.items():
-            assert key.long_name
-            assert (key.units is None) == (name in texts), name
 
 
 def test_what_is_given_is_not_modified(scene_folder):

@@ -9,7 +9,6 @@ import pytest
 from scene_files import LOAD, ROWS, csv, put, refused, write
 
 import cablepod as cp
-from cablepod.parameters._from_scene import parameters
 
 RECORDS = {
     "missing": (None, r"cannot be read: No such file or directory; allowed: a record, a CSV file"),
@@ -100,9 +99,9 @@ def test_a_motion_is_counted_from_its_record_at_the_start(soft, scene_folder):
     soft["ends"]["upper"] = [8.0, 0.0]
     soft["motion"]["upper"]["x"] = {"kind": "file", "path": "far.csv"}
     scene = cp.make_scene(soft)
-    ends = parameters(scene).end_positions(np.array([0.0, 2.0]))
-    np.testing.assert_allclose(ends[:, 1, 0], [8.0, 8.08], rtol=1e-14)
-    assert cp.chain.simulate(scene, step=1e-3).attrs["motion_upper_x_offset"] == -8.0
+    run = cp.chain.simulate(scene, times=[0.0, 2.0], step=1e-3)
+    np.testing.assert_allclose(run.position[:, -1, 0], [8.0, 8.08], rtol=1e-14)
+    assert run.attrs["motion_upper_x_offset"] == -8.0
 
 
 def test_a_load_factor_keeps_its_record_at_the_start(soft, scene_folder):
@@ -115,9 +114,6 @@ def test_a_load_factor_keeps_its_record_at_the_start(soft, scene_folder):
         soft["load"] |= ramp
         scene = cp.make_scene(soft)
         np.testing.assert_array_equal(cp.chain.rest(scene).position, rest)
-        factor = parameters(scene).load_factor
-        assert factor(0.0) == 2.0
-        assert factor(4.0) == pytest.approx(2.64, rel=1e-14)
 
 
 def test_an_error_names_the_point_load_as_the_file_numbers_it(soft, scene_folder):
@@ -132,7 +128,7 @@ def test_a_record_may_end_a_rounding_before_the_run(soft, scene_folder):
     soft["motion"]["upper"]["x"] = {"kind": "file", "path": "good.csv"}
     soft["time"] = {"duration": 3 * 0.1, "interval": 0.1}
     assert soft["time"]["duration"] > 0.3
-    assert parameters(cp.make_scene(soft)).times().size == 4
+    assert cp.chain.simulate(cp.make_scene(soft), step=1e-3).sizes["time"] == 4
 
 
 @pytest.mark.parametrize("order", ["time,value", "value,time", " time , anything "])
@@ -140,11 +136,11 @@ def test_good_records(soft, scene_folder, order):
     rows = [(v, t) if order.startswith("value") else (t, v) for t, v in ROWS]
     write(scene_folder / "good.csv", "\ufeff# comment\n" + csv(rows, order).replace("\n", "\r\n") + "\n\n")
     soft["motion"]["upper"]["x"] = {"kind": "file", "path": "good.csv"}
-    p = parameters(cp.make_scene(soft))
+    scene = cp.make_scene(soft)
     times, values = np.array(ROWS).T
-    np.testing.assert_allclose(p.motions["upper", "x"](times), values, rtol=0, atol=1e-15)
-    p.check_reach(4.0)
+    position = cp.chain.simulate(scene, times=times, step=1e-3).position
+    np.testing.assert_allclose(position[:, -1, 0], 8.0 + values, rtol=0, atol=2e-15)
     with pytest.raises(
         cp.SceneError, match=r"motion\.upper\.x\.path: the record is too short, from 0 s to 4 s; .* 4\.5 s"
     ):
-        p.check_reach(4.5)
+        cp.chain.simulate(scene, times=[4.5], step=1e-3)
