@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from suite import (
     pytest_xdist_make_scheduler,
 )
 
+from cablepod.archive import _checked
 from cablepod.scene import _limits as scene_limits
 
 #: The rules; pytest finds them here by their names.
@@ -71,3 +73,19 @@ def ctrl_c() -> Iterator[None]:
 def any_load(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let scenes pass whose loads no cable bears: such runs are sure to leave the finite numbers."""
     monkeypatch.setattr(scene_limits, "MAX_STRAIN", math.inf)
+
+
+@pytest.fixture
+def large_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let files be read as those are that are too large for all their bytes to be compared first."""
+    monkeypatch.setattr(_checked, "WHOLE", 0)
+
+
+@pytest.fixture
+def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do not search for what changed in a damaged file, which takes two seconds in a process of its own."""
+
+    def hangs(command: Any, **options: Any) -> None:
+        raise subprocess.TimeoutExpired(command, 0.0)
+
+    monkeypatch.setattr(subprocess, "run", hangs)

@@ -10,17 +10,27 @@ from pathlib import Path
 import pytest
 from children import finish, python, run_python
 from results import make_modes, make_scene, make_trajectory
+from xarray.backends import NetCDF4DataStore
 
-from cablepod.archive import ArchiveError, _atomic, write
-from cablepod.archive import _write as archive
+from cablepod.archive import ArchiveError, write
 
 
 def visible(folder):
     return [item.name for item in folder.iterdir() if not item.name.startswith(".")]
 
 
+def fail_in_the_library(monkeypatch, error):
+    """Let the library of netCDF files write the beginning of a file, and then raise an error."""
+
+    def half(target, **options):
+        Path(target).write_bytes(b"\x89HDF")
+        raise error
+
+    monkeypatch.setattr(NetCDF4DataStore, "open", half)
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
-@pytest.mark.parametrize("place", ["_write_arrays", "fsync", "replace"])
+@pytest.mark.parametrize("place", ["library", "fsync", "replace"])
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(error, place, tmp_path, monkeypatch):
     path = write(make_scene(), tmp_path / "it.nc")
     old = path.read_bytes()
@@ -28,14 +38,10 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(error, place,
     def interrupt(*args, **kwargs):
         raise error
 
-    def half(dataset, target):
-        target.write_bytes(b"\x89HDF")
-        raise error
-
-    if place == "_write_arrays":
-        monkeypatch.setattr(archive, place, half)
+    if place == "library":
+        fail_in_the_library(monkeypatch, error)
     else:
-        monkeypatch.setattr(archive.os, place, interrupt)
+        monkeypatch.setattr(os, place, interrupt)
     with pytest.raises(error):
         write(make_trajectory(), path, overwrite=True)
     assert [item.name for item in tmp_path.iterdir()] == ["it.nc"]
@@ -57,8 +63,8 @@ def test_the_file_is_written_beside_its_target_and_renamed_after_a_flush(tmp_pat
 
     if not Path("/proc/self/fd").is_dir():
         pytest.skip("no /proc to tell which file a handle belongs to")
-    monkeypatch.setattr(archive.os, "fsync", note_fsync)
-    monkeypatch.setattr(archive.os, "replace", note_replace)
+    monkeypatch.setattr(os, "fsync", note_fsync)
+    monkeypatch.setattr(os, "replace", note_replace)
     write(make_scene(), tmp_path / "it.nc")
     part = calls[0][1]
     assert part.startswith(".")
@@ -124,25 +130,20 @@ def test_a_full_disk_is_a_clear_error_and_leaves_nothing(tmp_path):
     ],
 )
 def test_no_space_is_a_clear_error(error, tmp_path, monkeypatch):
-    def fail(dataset, target):
-        target.write_bytes(b"half")
-        raise error
-
-    monkeypatch.setattr(archive, "_write_arrays", fail)
+    fail_in_the_library(monkeypatch, error)
     with pytest.raises(ArchiveError, match=re.escape(f"nothing is left behind: {error}; is the disk full? ")):
         write(make_scene(), tmp_path / "it.nc")
     assert list(tmp_path.iterdir()) == []
 
 
+#: A writer that waits for ever when its file is complete.
 WRITER = """
-import sys, time
-from pathlib import Path
-from cablepod.archive._atomic import atomic_file
+import os, sys, time
+import xarray as xr
+from cablepod.archive import write
 
-with atomic_file(Path(sys.argv[1])) as part:
-    part.write_bytes(b"1" * 1000)
-    print("ready", flush=True)
-    time.sleep(600)
+os.replace = lambda *paths: (print("ready", flush=True), time.sleep(600))
+write(xr.Dataset({"a": 1.0}), sys.argv[1])
 """
 
 
@@ -168,8 +169,15 @@ def test_the_next_write_clears_what_killed_writers_left(tmp_path):
             finish(writer, timeout=20.0)
 
 
-def test_a_later_process_with_the_same_number_is_another_writer(tmp_path):
-    part = tmp_path / f".cablepod-{_atomic._place()}-{os.getpid()}-1-{'0' * 12}.part"
-    part.touch()
-    _atomic.clear_abandoned(tmp_path)
-    assert not part.exists()
+def test_a_later_process_with_the_same_number_is_another_writer(tmp_path, monkeypatch):
+    parts, replace = [], os.replace
+    monkeypatch.setattr(os, "replace", lambda source, target: (parts.append(Path(source)), replace(source, target)))
+    write(make_scene(), tmp_path / "it.nc")
+    place, process, start, _ = re.fullmatch(r"\.cablepod-(\w+)-(\d+)-(\w+)-(\w+)\.part", parts[0].name).groups()
+    assert int(process) == os.getpid()
+    kept, left = (tmp_path / f".cablepod-{place}-{process}-{begin}-{'0' * 12}.part" for begin in (start, "1"))
+    kept.touch()
+    left.touch()
+    write(make_scene(), tmp_path / "other.nc")
+    assert kept.exists()
+    assert not left.exists()

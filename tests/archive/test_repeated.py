@@ -10,7 +10,6 @@ import pytest
 
 import cablepod as cp
 from cablepod import cli, examples, lineage, provenance
-from cablepod.integrate import _request as request
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +38,14 @@ def again(text):
 
 def perturb(monkeypatch, factor, functions=("chain.simulate",)):
     """Let a model compute another number in the last shape."""
-    record = request.provenance.record
+    record = provenance.record
 
     def perturbed(result, *, function, **others):
         if function in functions:
             result["position"].values[-1, 3, 0] *= factor
         return record(result, function=function, **others)
 
-    monkeypatch.setattr(request.provenance, "record", perturbed)
+    monkeypatch.setattr(provenance, "record", perturbed)
 
 
 def test_the_files_of_a_study_are_made_again_with_the_same_numbers(files):

@@ -9,13 +9,12 @@ import pytest
 from damage import flipped
 
 import cablepod as cp
-from cablepod.archive import _checked
 
 
 @pytest.mark.parametrize("name", ["batch_0000.nc", "scenes.nc", "manifest.json"])
 @pytest.mark.parametrize("flips", [15, pytest.param(500, marks=pytest.mark.slow)])
-def test_a_flipped_bit_is_seen(name, flips, finished, tmp_path, monkeypatch):
-    monkeypatch.setattr(_checked, "_search", lambda path: ["something"])  # takes two seconds each
+@pytest.mark.usefixtures("without_search")
+def test_a_flipped_bit_is_seen(name, flips, finished, tmp_path):
     shutil.copytree(finished, folder := tmp_path / "it")
     content = (folder / name).read_bytes()
     for seed in range(flips):
@@ -40,7 +39,7 @@ def test_a_changed_manifest_is_seen_though_its_values_are_the_same(old, new, fin
         cp.archive.open_ensemble(folder)
 
 
-def test_an_edit_is_named_when_it_is_read_and_taken_on_demand(finished, tmp_path, monkeypatch):
+def test_an_edit_is_named_when_it_is_read_and_taken_on_demand(finished, tmp_path, request):
     netCDF4 = pytest.importorskip("netCDF4")
     shutil.copytree(finished, folder := tmp_path / "it")
     with netCDF4.Dataset(folder / "batch_0001.nc", "r+") as file:
@@ -50,7 +49,7 @@ def test_an_edit_is_named_when_it_is_read_and_taken_on_demand(finished, tmp_path
     edited = cp.archive.open_ensemble(folder, verify=False)
     assert not edited["position"][4, 0].values.any()
     # with the size that it had, as after an edit in place of a large file: seen in the pass over its values
-    monkeypatch.setattr(_checked, "WHOLE", 0)
+    request.getfixturevalue("large_files")
     seal = (finished / "batch_0001.nc").read_bytes()[(folder / "batch_0001.nc").stat().st_size :]
     with (folder / "batch_0001.nc").open("ab") as file:
         file.write(seal)

@@ -18,9 +18,7 @@ def assert_members_are(many, each):
     """Hold that each member has the rest and the motion of the scene that it was made of."""
     for i, scene in enumerate(each):
         of_member = many.assign_coords(member=range(len(each))).isel(member=i)
-        xr.testing.assert_equal(
-            cp.catenary.rest(of_member).drop_vars("member", errors="ignore"), cp.catenary.rest(scene)
-        )
+        np.testing.assert_array_equal(cp.chain.rest(of_member).tension, cp.chain.rest(scene).tension)
         run, expected = (cp.chain.simulate(item, step=1e-3) for item in (of_member, scene))
         np.testing.assert_array_equal(run.time, expected.time)
         np.testing.assert_array_equal(run.position, expected.position)
