@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.pod._incremental import IncrementalSVD
-
 STEEP = np.geomspace(1.0, 1e-8, 20)
 
 
@@ -82,13 +79,21 @@ def turning(samples=3000, particles=22, dims=3, steep=False):
     reach = np.stack([8.0 + time, 0.5 * time**2, 2.0 * np.sin(3.0 * time)], axis=1)[
         :, [1, 0, 2] if steep else [0, 1, 2]
     ]
-    frame = ChordFrame.of(reach[:, :dims])
+    chord = np.linalg.norm(reach[:, :dims], axis=1, keepdims=True)
+    along = reach[:, :dims] / chord
+    if dims == 2:
+        normals = [np.stack([-along[:, 1], along[:, 0]], axis=1)]
+    else:
+        level = np.cross(along, [1.0, 0.0, 0.0] if steep else [0.0, 1.0, 0.0])
+        level /= np.linalg.norm(level, axis=1, keepdims=True)
+        normals = [np.cross(level, along), level]
     deflection = np.zeros((dims - 1, samples, particles))
     deflection[:, :, 1:-1] = [item[0] for item in known]
-    along = frame.chord[:, None] * np.linspace(0.0, 1.0, particles) ** 1.1
-    lower = np.stack([0.3 * time] * dims, axis=1)
+    place = chord * np.linspace(0.0, 1.0, particles) ** 1.1
+    position = np.stack([0.3 * time] * dims, axis=1)[:, None] + place[:, :, None] * along[:, None]
+    position += sum(part[:, :, None] * normal[:, None] for part, normal in zip(deflection, normals, strict=True))
     snapshots = xr.Dataset(
-        {"position": (("time", "particle", "coordinate"), frame.join(lower, along, deflection))},
+        {"position": (("time", "particle", "coordinate"), position)},
         coords={
             "time": time,
             "arc_length": ("particle", 10.0 * np.linspace(0.0, 1.0, particles) ** 1.1),
@@ -103,13 +108,3 @@ def sines(modes, left):
     own = modes.mode_shape.values[:, 1:-1].reshape(modes.sizes["mode"], -1).T
     exact = left[:, : own.shape[1]]
     return np.linalg.norm(own - exact * np.sum(exact * own, axis=0), axis=0)
-
-
-def accumulated(rows, *, parts=1, block=500, center=True):
-    sums = [IncrementalSVD(rows.shape[1], center=center) for _ in range(parts)]
-    for own, part in zip(sums, np.array_split(rows, parts), strict=True):
-        for begin in range(0, len(part), block):
-            own.add(part[begin : begin + block].copy())
-    for other in sums[1:]:
-        sums[0].merge(other)
-    return sums[0]

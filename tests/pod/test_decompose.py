@@ -8,9 +8,6 @@ import xarray as xr
 from spectra import made_up
 
 import cablepod as cp
-from cablepod.pod import _project as pod_project
-from cablepod.pod import _snapshots as pod_snapshots
-from cablepod.pod import _snapshots as snapshots_module
 
 
 @pytest.mark.parametrize("dims", [2, 3])
@@ -28,12 +25,14 @@ def test_a_known_spectrum_is_found(dims):
 def test_orthonormal_modes_and_the_discarded_energy(layout, weights):
     snapshots = made_up()
     full = cp.pod.decompose(snapshots, layout=layout, weights=weights)
-    fields = pod_project.mode_fields(full)
-    sigma = pod_snapshots.relative_arc_length(snapshots)
-    weight = np.ones(12) if weights is None else snapshots_module.tributary_weights(sigma)
-    gram = np.einsum("ipc,p,kpc->ik", fields, weight, fields)
-    np.testing.assert_allclose(gram, np.eye(len(fields)), atol=1e-12)
-    assert not fields[:, [0, -1]].any()
+    sets = [full] if layout == "vector" else [full.isel(coordinate=[axis]) for axis in range(2)]
+    length = np.diff(snapshots.arc_length)
+    carried = 0.5 * (np.r_[length, 0.0] + np.r_[0.0, length])
+    weight = np.ones(12) if weights is None else carried / carried[1:-1].mean()  # the ends have no part in it
+    for modes in sets:
+        shapes = modes.mode_shape.transpose("mode", "particle", "coordinate").values
+        np.testing.assert_allclose(np.einsum("ipc,p,kpc->ik", shapes, weight, shapes), np.eye(len(shapes)), atol=1e-12)
+        assert not shapes[:, [0, -1]].any()
     kept = cp.pod.decompose(snapshots, layout=layout, weights=weights, rank=3)
     back = cp.pod.reconstruct(cp.pod.project(snapshots, kept), kept)
     lost = np.sum(weight[:, None] * (back.position - snapshots.position).values ** 2)
@@ -134,3 +133,17 @@ def test_snapshots_that_cannot_be():
         cp.pod.decompose(snapshots.where(snapshots.time != 3))
     with pytest.raises(cp.SceneError, match="the 12 particles of the modes"):
         cp.pod.project(made_up(particles=9), cp.pod.decompose(snapshots))
+
+
+@pytest.mark.parametrize("weights", [None, "length"])
+@pytest.mark.parametrize("layout", ["separate", "vector"])
+@pytest.mark.parametrize("method", ["covariance", "snapshots"])
+def test_all_routes_give_the_same_modes(method, layout, weights):
+    snapshots = made_up(samples=25, particles=14, spectrum=2.0 ** -np.arange(12))
+    options = {"layout": layout, "weights": weights, "rank": 6}
+    one, other = cp.pod.decompose(snapshots, **options), cp.pod.decompose(snapshots, method=method, **options)
+    assert other.attrs["method"] == method
+    for name in ("mode_shape", "singular_value", "energy_share", "singular_value_share"):
+        # values up to 2^-12 of the first are summed in the shares
+        np.testing.assert_allclose(other[name], one[name], rtol=1e-7, atol=1e-9)
+    assert one.attrs["id"] != other.attrs["id"]

@@ -7,8 +7,6 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
-from cablepod.pod import _normal as pod_normal
 
 SPECTRA = [1.0, 0.3, 0.04, 0.001], [0.2, 0.03, 0.002]
 
@@ -149,49 +147,10 @@ def test_a_planar_motion_in_space_has_the_modes_of_the_plane():
     np.testing.assert_allclose(space.singular_value, plane.singular_value, atol=1e-13)
     np.testing.assert_allclose(space.mode_shape[:4], plane.mode_shape[:4], atol=1e-10)
     assert not space.singular_value_out_of_plane.any()
-    # modes that never moved are no coordinates of a model
-    assert [len(shape) for _, shape in pod_normal.sets(space)] == [4, 0]
-
-
-@pytest.mark.parametrize("dims", [2, 3])
-def test_a_frame_is_orthonormal_right_handed_and_its_rates_are_derivatives(dims):
-    rng = np.random.default_rng(2)
-    reach, speed = np.array([4.0, 3.0, 2.0])[:dims] + rng.normal(size=(6, dims)), rng.normal(size=(6, dims))
-    frame = ChordFrame.of(reach)
-    axes = np.concatenate([frame.along[:, None], frame.normals], axis=1)
-    np.testing.assert_allclose(
-        axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(dims), (6, dims, dims)), atol=1e-14
-    )
-    np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=1e-14)
-    rates = frame.rates(reach, speed)
-    h = 1e-5
-    before, after = ChordFrame.of(reach - h * speed), ChordFrame.of(reach + h * speed)
-    for rate, a, b in zip(
-        rates, (before.chord, before.along, before.normals), (after.chord, after.along, after.normals), strict=True
-    ):
-        # central differences: h^2 of third derivatives, and rounding of 1e-16 / h
-        np.testing.assert_allclose(rate, (b - a) / (2 * h), atol=1e-8)
-
-
-def test_a_vertical_chord_takes_another_axis_and_ends_must_not_meet():
-    frame = ChordFrame.of(np.array([[0.0, 5.0, 0.0], [0.1, 5.0, 0.0]]))
-    np.testing.assert_array_equal(frame.reference, [1.0, 0.0, 0.0])
-    assert np.isfinite(frame.normals).all()
-    with pytest.raises(cp.SceneError, match=r"^ends: they meet at some instant; allowed: a distance"):
-        ChordFrame.of(np.array([[1.0, 0.0], [0.0, 0.0]]))
-    with pytest.raises(
-        cp.SceneError, match=r"^motion: the chord turns into the direction \[1.0, 0.0, 0.0\], which its normals"
-    ):
-        ChordFrame.of(np.array([[0.0, 5.0, 0.0], [5.0, 0.0, 0.0]]))
-
-
-def test_links_stretched_alike_reach_from_end_to_end_though_one_is_steep():
-    rng = np.random.default_rng(4)
-    length, slopes = rng.uniform(0.5, 1.5, size=20), rng.uniform(0.0, 0.1, size=(50, 20))
-    slopes[:, 3] = 0.9
-    stretch = rng.uniform(0.9, 8.0, size=50)
-    slopes, chord = slopes * stretch[:, None] ** 2, stretch * length.sum()
-    z = stretch_to_close(slopes, length, chord)
-    np.testing.assert_allclose(z @ length, chord, rtol=1e-13)
-    xi = np.sqrt(z**2 + slopes)
-    np.testing.assert_allclose(xi, np.broadcast_to(xi[:, :1], xi.shape), rtol=1e-12)
+    # modes that never moved are no coordinates of a model, whatever pushes it
+    line = {"youngs_modulus": 2e7, "area": 1e-3, "density": 1000.0, "top_tension": 200.0}
+    ends = {"lower": [0.0, 0.0, 0.0], "upper": [4.0, 3.0, 0.0]}
+    scene = cp.make_scene({"cable": line, "ends": ends, "load": {"uniform": [0.0, 0.0, 5.0]}})
+    run = cp.condensed.simulate(scene, space, times=[0.0, 0.1], step=1e-3)
+    assert run.sizes["mode"] == 4
+    assert not run.amplitude_out_of_plane.any()

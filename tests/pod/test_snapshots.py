@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import threading
-
 import dask
 import dask.array as da
 import numpy as np
 import pytest
 import xarray as xr
 from spectra import STEEP, sines, trajectory, turning
+from threadpoolctl import threadpool_limits
 
 import cablepod as cp
 from cablepod import provenance
-from cablepod.batch._blas import one_blas_thread
-from cablepod.pod import _blocks as pod_blocks
-from cablepod.pod import _stream as pod_stream
 
 
 @pytest.mark.parametrize("weights", [None, "length"])
@@ -161,59 +157,6 @@ def test_members_are_pooled_also_in_chunks():
         cp.pod.decompose(other.chunk({"member": 1}))
 
 
-def test_an_archive_is_read_once_and_in_small_pieces(tmp_path, monkeypatch):
-    snapshots, left = trajectory(samples=20000)
-    path = cp.archive.write(snapshots, tmp_path / "it.nc")
-    monkeypatch.setattr(pod_blocks, "BLOCK_BYTES", 1 << 20)
-    read, sizes = pod_blocks._read_range, []
-
-    def counted(source, region):
-        found = read(source, region)
-        sizes.append(found[0].nbytes)
-        return found
-
-    monkeypatch.setattr(pod_blocks, "_read_range", counted)
-    for chunks in ({}, -1, {"time": 2 * (2**20 // (22 * 2 * 8))}):
-        sizes.clear()
-        with cp.archive.read(path, chunks=chunks) as lazy:
-            modes = cp.pod.decompose(lazy, rank=20, layout="vector")
-        np.testing.assert_allclose(modes.singular_value, STEEP, rtol=1e-10)
-        assert sines(modes, left).max() < 1e-8
-        assert sum(sizes) == snapshots.position.nbytes
-        assert max(sizes) <= 1 << 20
-    # members so long that one is more than a piece
-    long = xr.concat([snapshots, 2.0 * snapshots], "member", data_vars="all", combine_attrs="override")
-    long.to_netcdf(tmp_path / "long.nc", encoding={"position": {"chunksizes": (1, 1000, 22, 2)}})
-    sizes.clear()
-    with xr.open_dataset(tmp_path / "long.nc", chunks=-1) as lazy:
-        modes = cp.pod.decompose(lazy, rank=20, layout="vector")
-    np.testing.assert_allclose(modes.singular_value, np.sqrt(5.0) * STEEP, rtol=1e-10)
-    assert sum(sizes) == long.position.nbytes
-    assert max(sizes) <= 1 << 20
-    with cp.archive.read(path, chunks={}) as lazy:
-        parts = xr.concat([lazy.isel(time=slice(0, 9000)), lazy.isel(time=slice(9000, None))], "time")
-        np.testing.assert_allclose(cp.pod.decompose(2.0 * parts, rank=5, layout="vector").singular_value, 2 * STEEP[:5])
-
-
-def test_two_threads_share_long_lazy_data_and_give_the_same_bits(monkeypatch):
-    snapshots, _ = trajectory(samples=20000)
-    lazy = snapshots.chunk({"time": 3000})
-    counted_in, seen = pod_stream._add_block, []
-
-    def counted(sums, block, how):
-        seen.append((threading.current_thread().name, len(block)))
-        counted_in(sums, block, how)
-
-    monkeypatch.setattr(pod_stream, "_add_block", counted)
-    one, other = (cp.pod.decompose(lazy, rank=12, layout="vector") for _ in range(2))
-    xr.testing.assert_identical(one.drop_attrs(deep=False), other.drop_attrs(deep=False))
-    assert all(name.startswith("cablepod") for name, _ in seen)
-    assert sum(size for _, size in seen) == 40000
-    broken = lazy.where((lazy.time != 1500.0) | (lazy.particle != 5))
-    with pytest.raises(cp.SceneError, match="not finite"):
-        cp.pod.decompose(broken)
-
-
 def test_a_coordinate_at_rest_among_moving_ones_of_many_features():
     snapshots, _ = trajectory(samples=1500, particles=602, dims=1, spectrum=np.geomspace(1.0, 1e-3, 6))
     still = snapshots.assign_coords(coordinate=["y"]).assign(
@@ -227,37 +170,13 @@ def test_a_coordinate_at_rest_among_moving_ones_of_many_features():
     np.testing.assert_allclose(shape @ shape.T, np.eye(4), atol=1e-14)
 
 
-def test_blas_threads_come_back():
-    from threadpoolctl import threadpool_info
-
-    def threads():
-        return [item["num_threads"] for item in threadpool_info() if item["user_api"] == "blas"]
-
-    with one_blas_thread():
-        pass  # loads what it looks at
-    before = threads()
-    inside = []
-
-    def hold():
-        with one_blas_thread():
-            inside.append(threads())
-
-    with one_blas_thread():
-        other = threading.Thread(target=hold)
-        other.start()
-        other.join()
-        inside.append(threads())
-    assert all(set(item) == {1} for item in inside)
-    assert threads() == before
-
-
 def test_where_the_default_of_dask_goes_wrong_this_does_not():
     # fast decay, as of a chain's modes: powers of the matrix lose what lies below 10^-16 of the largest power
     spectrum = np.geomspace(1.0, 1e-8, 20)
     snapshots, left = trajectory(samples=4000, particles=42, spectrum=spectrum)
     lazy = snapshots.chunk({"time": 1000})
     matrix_ = lazy.position[:, 1:-1].data.reshape(4000, -1).T.rechunk((80, 1000))
-    with dask.config.set(scheduler="synchronous"), one_blas_thread():
+    with dask.config.set(scheduler="synchronous"), threadpool_limits(1, "blas"):
         theirs = da.linalg.svd_compressed(matrix_, 20, n_power_iter=4, seed=0, iterator="power")[1].compute()
         right = da.linalg.svd_compressed(matrix_, 20, n_power_iter=4, seed=0, iterator="QR")[1].compute()
     ours = cp.pod.decompose(lazy, rank=20, layout="vector")

@@ -10,7 +10,6 @@ import xarray as xr
 from spectra import STEEP, sines, trajectory, turning
 
 import cablepod as cp
-from cablepod.discretisation._chord_frame import ChordFrame
 
 
 def test_streams_of_deflections_keep_the_first_chord_s_axis():
@@ -21,7 +20,8 @@ def test_streams_of_deflections_keep_the_first_chord_s_axis():
         cp.pod.Stream(layout="normal").update(other).merge(stream)
     # later pieces, whose own first chord is far from the vertical, do not begin anew
     late = steep.isel(time=slice(1400, None))
-    assert ChordFrame.of(late.position.values[:1, -1] - late.position.values[:1, 0]).reference[1] == 1.0
+    chord = late.position.values[0, -1] - late.position.values[0, 0]
+    assert abs(chord[1]) < 0.99 * np.linalg.norm(chord)
     pieces = cp.pod.Stream(layout="normal").update(steep.isel(time=slice(0, 1400))).update(late).modes(rank=6)
     np.testing.assert_allclose(pieces.singular_value, stream.modes(rank=6).singular_value, rtol=1e-9)
     with pytest.raises(cp.SceneError, match=r"coordinate: given \['x'\]"):
