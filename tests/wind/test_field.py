@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mast_scenes import small
@@ -11,8 +9,6 @@ from scipy.fft import next_fast_len
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
-from cablepod.parameters._from_scene import parameters
-from cablepod.wind import _air
 
 
 def scene(wind=None, **tables):
@@ -136,21 +132,6 @@ def test_first_values_of_a_seed_are_those_of_any_machine():
     assert (field.wind[:, 0, 0] - field.mean_wind[0, 0]).values == pytest.approx(expected, rel=1e-9)
 
 
-def test_interpolated_factors_keep_the_coherence():
-    from cablepod.wind import _turbulence
-
-    heights = np.linspace(2.0, 120.0, 20)
-    decay = 10.0 * np.abs(heights[:, None] - heights) / 25.0
-    n = np.arange(1, 3300) / 660.0
-    basis = np.eye(20, dtype=complex)
-    # the image of unit vectors at each frequency is the factor itself
-    columns = np.stack(
-        [_turbulence._coupled([np.repeat(basis[:, [k]], n.size, axis=1)], n, decay)[0] for k in range(20)], axis=2
-    )
-    found = np.einsum("pnk,qnk->npq", columns.real, columns.real)
-    assert np.abs(found - np.exp(-n[:, None, None] * decay)).max() < 3e-3
-
-
 @pytest.mark.parametrize(
     ("options", "key"),
     [
@@ -180,27 +161,6 @@ def test_members_vary_the_wind():
     assert fields.wind.dims == ("member", "time", "point", "component")
     alone = cp.wind.field(members.isel(member=1, drop=True))
     assert np.array_equal(fields.wind.isel(member=1), alone.wind)
-
-
-def test_scenes_of_equal_wind_share_the_turbulence_and_others_do_not():
-    def velocity(given):
-        return _air.air_of(parameters(given), 2.0).velocity
-
-    _air._kept_turbulence.cache_clear()
-    short = {"time": {"duration": 2.0, "interval": 0.5}}
-    first = velocity(scene(**short))
-    damped = velocity(scene(damping={"mass_proportional": 0.1}, **short))
-    assert _air._kept_turbulence.cache_info().hits == 1
-    np.testing.assert_array_equal(damped, first)
-    for other in (
-        scene({**KAIMAL, "speed": 24.0}, **short),
-        scene({**KAIMAL, "turbulence": {"spectrum": "kaimal", "seed": 8}}, **short),
-        scene(cable={**GUY["cable"], "top_tension": 14000.0}, **short),
-    ):
-        assert np.abs(velocity(other) - first).max() > 1e-6
-        direct = cp.wind.field(other).wind.values  # with nothing kept but phases
-        assert np.abs(velocity(other) - direct).max() < 1e-12
-    assert _air._kept_turbulence.cache_info().misses == 4  # that of the first and of each other scene
 
 
 def exact(mapping):
@@ -236,18 +196,23 @@ def test_an_exact_mean_is_true_or_false(value):
         cp.make_scene(tables)
 
 
+@pytest.mark.slow
 def test_the_mean_of_ten_minutes_is_as_far_off_as_the_page_says():
     # standard deviations over seeds of the mean over the mean wind: a scene of 600 s, 600 s of a scene of 660 s, any ten minutes
     positions = np.array([[0.0, 10.0, 0.0], [0.0, 120.0, 0.0]])
-    p = parameters(cp.make_scene({**GUY, "wind": KAIMAL}))
-    speed, means = _air.mean_velocity(p, positions)[:, 0], {"whole": [], "part": [], "hour": []}
+    means, scenes = {"whole": [], "part": [], "hour": []}, {}
+    for duration in (600.0, 660.0, 3600.0):
+        scenes[duration] = scene(time={"duration": duration, "interval": 1.0})
+
+    def along(duration, seed):
+        return cp.wind.field(scenes[duration], seed=seed, points=positions).wind[..., 0].values
+
     for seed in range(200):
-        own = replace(p, turbulence={**p.turbulence, "seed": seed})
-        means["whole"].append(_air.turbulence_at(own, positions, 600.0)[:6001, :, 0].mean(axis=0))
-        means["part"].append(_air.turbulence_at(own, positions, 660.0)[600:6601, :, 0].mean(axis=0))
+        means["whole"].append(along(600.0, seed).mean(axis=0))
+        means["part"].append(along(660.0, seed)[600:6601].mean(axis=0))
         if seed < 40:
-            hour = _air.turbulence_at(own, positions, 3600.0)[:36000, :, 0]
-            means["hour"] += list(hour.reshape(6, 6000, 2).mean(axis=1))
+            means["hour"] += list(along(3600.0, seed)[:36000].reshape(6, 6000, 2).mean(axis=1))
+    speed = cp.wind.field(scenes[600.0], points=positions).mean_wind[:, 0].values
     spread = {name: np.std(values, axis=0) / speed for name, values in means.items()}
     # over 200 seeds a standard deviation is known to 5 %
     np.testing.assert_allclose(spread["whole"], [0.0009, 0.0008], rtol=0.2)

@@ -300,3 +300,16 @@ def test_planar_and_spatial_scenes_agree():
     only_along = spatial.assign(wind=spatial.wind * xr.DataArray([1.0, 1.0, 0.0], dims="component"))
     run = cp.chain.simulate(cp.make_scene(space), step=5e-4, wind=only_along)
     assert np.abs(run.position.values[..., :2] - flat.values).max() < 1e-9
+
+
+@pytest.mark.parametrize("outputs", [("position",), ("position", "velocity")])
+def test_instants_between_two_evaluations_change_no_bit(outputs: tuple[str, ...]) -> None:
+    """A run is cut at its output instants; the drag is evaluated at the same steps whatever these are."""
+    motion = {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": 0.05, "angular_frequency": 20.0}}}
+    scene = cp.make_scene({**GUY, "wind": WIND, "motion": motion})
+    runs = [
+        cp.chain.simulate(scene, step=4e-4, times=times, outputs=outputs)
+        for times in ([0.0, 0.0012, 0.0104, 0.0264, 0.0268, 0.1], [0.0, 0.1])
+    ]
+    assert np.array_equal(runs[0].position[-1], runs[1].position[-1])
+    assert np.abs(runs[0].position[-1] - runs[0].position[0]).max() > 1e-3

@@ -1,15 +1,21 @@
-"""Drag of explicit steps: loops of whole vectors against the plain loop over particles of implicit steps."""
+"""Loops of drag against plain sums over particles or points, the coherence of factors, and what scenes of equal wind share."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from wind_scenes import GUY, WIND
+from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
 from cablepod.chain import _kernels_layout as layout
 from cablepod.chain._kernels_drag import apply_drag, drag_forces
 from cablepod.chain._kernels_explicit import new_states
+from cablepod.condensed._air import CondensedAir
+from cablepod.condensed._air_motion import DragOfMotion
+from cablepod.condensed._assembly import model_of
+from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
+from cablepod.parameters._from_scene import parameters
+from cablepod.wind import _air, _turbulence
 
 DRAG, STEP = 0.012, 1e-3
 
@@ -63,14 +69,59 @@ def test_last_three_evaluations_are_extrapolated(evaluations: int) -> None:
     np.testing.assert_allclose(filled, expected, rtol=0, atol=1e-14 * (1.0 + np.abs(now).max()))
 
 
-@pytest.mark.parametrize("outputs", [("position",), ("position", "velocity")])
-def test_instants_between_two_evaluations_change_no_bit(outputs: tuple[str, ...]) -> None:
-    """A run is cut at its output instants; the drag is evaluated at the same steps whatever these are."""
-    motion = {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": 0.05, "angular_frequency": 20.0}}}
-    scene = cp.make_scene({**GUY, "wind": WIND, "motion": motion})
-    runs = [
-        cp.chain.simulate(scene, step=4e-4, times=times, outputs=outputs)
-        for times in ([0.0, 0.0012, 0.0104, 0.0264, 0.0268, 0.1], [0.0, 0.1])
-    ]
-    assert np.array_equal(runs[0].position[-1], runs[1].position[-1])
-    assert np.abs(runs[0].position[-1] - runs[0].position[0]).max() > 1e-3
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("rank", [1, 3, 4, 6, 9])
+def test_the_kernel_sums_all_points_and_coordinates(dims, rank):
+    direction = [1.0, 0.0] if dims == 2 else [0.6, 0.0, 0.8]
+    ends = {name: end[:dims] for name, end in GUY["ends"].items()}
+    scene = cp.make_scene({**GUY, "ends": ends, "wind": {**WIND, "direction": direction}})
+    modes = cp.condensed.vibration_modes(scene, rank=rank)
+    model = model_of(parameters(scene), modes, rank=None, order="leading", law="linear")
+    air = CondensedAir(model, _air.air_of(model.chain.p, 0.0), 0.0)
+    points = rank + 2
+    assert air.rule[0].size == points
+    assert air.shapes_of_kernel.shape == (2, len(model.shapes), -(-points // POINTS_IN_VECTOR) * POINTS_IN_VECTOR)
+    rng = np.random.default_rng(rank)
+    q, rates = 0.3 * rng.normal(size=(2, len(model.shapes))) * [[1.0], [10.0]]
+    stretch = model.initial_boundary_data[0] / model.chain.total_length
+    motion = DragOfMotion.of(air, np.zeros(1), q[None], rates[None], np.array([stretch]))
+    expected = motion.on(air.shapes[0], model.n_in_plane)[0]
+    assert np.abs(expected).min() > 1e-9
+    assert air.acceleration(q, rates) == pytest.approx(expected, rel=1e-9, abs=1e-12 * np.abs(expected).max())
+
+
+def test_interpolated_factors_keep_the_coherence():
+    heights = np.linspace(2.0, 120.0, 20)
+    decay = 10.0 * np.abs(heights[:, None] - heights) / 25.0
+    n = np.arange(1, 3300) / 660.0
+    basis = np.eye(20, dtype=complex)
+    # the image of unit vectors at each frequency is the factor itself
+    columns = np.stack(
+        [_turbulence._coupled([np.repeat(basis[:, [k]], n.size, axis=1)], n, decay)[0] for k in range(20)], axis=2
+    )
+    found = np.einsum("pnk,qnk->npq", columns.real, columns.real)
+    assert np.abs(found - np.exp(-n[:, None, None] * decay)).max() < 3e-3
+
+
+def test_scenes_of_equal_wind_share_the_turbulence_and_others_do_not():
+    def scene(wind=KAIMAL, **tables):
+        return cp.make_scene({**GUY, "wind": wind, **tables})
+
+    def velocity(given):
+        return _air.air_of(parameters(given), 2.0).velocity
+
+    _air._kept_turbulence.cache_clear()
+    short = {"time": {"duration": 2.0, "interval": 0.5}}
+    first = velocity(scene(**short))
+    damped = velocity(scene(damping={"mass_proportional": 0.1}, **short))
+    assert _air._kept_turbulence.cache_info().hits == 1
+    np.testing.assert_array_equal(damped, first)
+    for other in (
+        scene({**KAIMAL, "speed": 24.0}, **short),
+        scene({**KAIMAL, "turbulence": {"spectrum": "kaimal", "seed": 8}}, **short),
+        scene(cable={**GUY["cable"], "top_tension": 14000.0}, **short),
+    ):
+        assert np.abs(velocity(other) - first).max() > 1e-6
+        direct = cp.wind.field(other).wind.values  # with nothing kept but phases
+        assert np.abs(velocity(other) - direct).max() < 1e-12
+    assert _air._kept_turbulence.cache_info().misses == 4  # that of the first and of each other scene
