@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import fractions
 import functools
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -122,6 +123,17 @@ def put(mapping: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     else:
         table[last] = value
     return mapping
+
+
+def toml_of(mapping: dict[str, Any]) -> str:
+    """Return a scene as the text of a file, each table in one line."""
+
+    def text(value: Any) -> str:
+        if isinstance(value, dict):
+            return "{" + ", ".join(f'"{key}" = {text(item)}' for key, item in value.items()) + "}"
+        return f"[{', '.join(map(text, value))}]" if isinstance(value, list | tuple) else json.dumps(value)
+
+    return "\n".join(f"{key} = {text(value)}" for key, value in mapping.items()) + "\n"
 
 
 LOAD = {"arc_length": 0.5, "force": [0.0, 1.0]}

@@ -11,13 +11,11 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 from pathlib import Path
 
 import netCDF4
 import numpy as np
 import pytest
-import xarray as xr
 from children import call, finish, python, without_progress
 from children import environment as environment_of_children
 from scenes import SOFT_TOML
@@ -26,35 +24,6 @@ from suite import slow
 import cablepod as cp
 from cablepod import cli
 from cablepod import examples as shipped
-from cablepod.cli import _report
-from cablepod.cli._commands import commands
-from cablepod.study import _run as study
-
-
-def test_the_table_says_what_a_call_consists_of():
-    row = xr.Dataset({"call_time": 6e-3, "loop_time": 2e-3, "number_of_steps": 2480})
-    rival = xr.Dataset({"call_time": 20e-3, "number_of_steps": 1250})
-    near = _report._cost(row.assign(loop_time=8e-3), rival)  # a call takes no less than its own run
-    assert near.startswith("one run of 2480 steps, 3.23 us each")
-    assert _report._cost(row, rival) == (
-        "3 times one run of 2480 steps, 0.806 us each with output; that chain 1250 steps in its last run, 16 us each of its call"
-    )
-
-
-def test_useless_ranks_are_not_compared_with_chains():
-    rows = xr.Dataset(
-        {"error_max": ("rank", [0.79, 0.04]), "call_time": ("rank", [1e-3, 6e-3]), "loop_time": ("rank", [1e-3, 6e-3]),
-         "number_of_steps": ("rank", [100, 100])}, coords={"rank": [1, 2]},
-    )  # fmt: skip
-    chains = xr.Dataset(
-        {"error_max": ("trial", [0.5, 0.03]), "call_time": ("trial", [0.1, 0.012]), "number_of_steps": ("trial", [9, 9]),
-         "links": ("trial", [10, 20]), "tolerance": ("trial", [0.1, 0.01])}
-    )  # fmt: skip
-    assert _report._at_equal_error(rows, "galerkin", chains).startswith(
-        "galerkin, r = 2: 4 % in 6 ms, 2 times faster than"
-    )
-    said = _report._at_equal_error(rows.isel(rank=[0]), "galerkin", chains)
-    assert said == "galerkin: errs by more than 5 % with each of these ranks; give more modes"
 
 
 @pytest.fixture
@@ -95,6 +64,8 @@ def test_the_main_job(job, scene_file):
     figures = {"tension", "tension_map", "deflection", "error_over_time", "modes", "singular_values", "shapes"}
     assert names == {f"{name}.nc" for name in data} | {f"{name}.png" for name in figures}
     assert all(f"{name}.nc" in said for name in data)
+    assert "over all time steps; output times between steps do not count" in said
+    assert "in the wind" not in said
     comparison = cp.archive.read(out / "comparison.nc")
     for model in ("condensed", "galerkin"):
         worst = float(comparison.error_max.sel(model=model, rank=2))
@@ -103,40 +74,12 @@ def test_the_main_job(job, scene_file):
     # what is archived is what the functions give
     scene = cp.read_scene(scene_file)
     chain = cp.archive.read(out / "chain.nc")
-    again = cp.chain.simulate(scene, times=chain.time.values, tolerance=study.TRUTH_TOLERANCE, outputs=study.OUTPUTS)
+    given = json.loads(chain.attrs["history_json"])[-1]["parameters"]
+    again = cp.chain.simulate(scene, times=chain.time.values, tolerance=given["tolerance"], outputs=given["outputs"])
     np.testing.assert_array_equal(chain.position, again.position)
     assert chain.attrs["id"] == again.attrs["id"]
     reduced = cp.galerkin.simulate(scene, cp.archive.read(out / "modes.nc"), rank=2, times=chain.time.values)
     assert cp.archive.read(out / "galerkin_r2.nc").attrs["id"] == reduced.attrs["id"]
-
-
-@pytest.mark.parametrize(
-    ("command", "said"),
-    [
-        ("ensemble", "try: the chain (--model chain) or chain.simulate(scene); give --overwrite"),
-        ("run", "try: the chain or chain.simulate(scene); give --overwrite"),
-        ("info", "try: chain.simulate or chain.simulate(scene); give --overwrite"),
-    ],
-)
-def test_messages_speak_of_the_options_of_the_command(command, said, capsys, monkeypatch):
-    def raise_it(*_, **__):
-        warnings.warn("compare with chain.simulate", cp.OutOfRangeWarning, stacklevel=1)
-        raise cp.SceneError("try: chain.simulate or chain.simulate(scene); give overwrite=True")
-
-    monkeypatch.setattr(commands.commands[command], "callback", raise_it)
-    assert cli.main([command, "file", *(["--out", "out"] if command == "ensemble" else [])]) == 2
-    note, error = capsys.readouterr().err.splitlines()
-    assert note == f"cablepod: note: compare with {said.split('try: ')[1].split(' or ')[0]}"
-    assert error == f"cablepod: {said}"
-
-
-@pytest.mark.parametrize(("duration", "interval"), [(124.0, 1.0), (4.0, 0.3), (1e-7, 2.5e-8), (1e6, 3e3), (0.3, 0.1)])
-def test_the_snapshots_are_among_the_instants_of_the_report(duration, interval):
-    snapshots = interval * np.arange(int(duration / interval + 1e-9) + 1)
-    times = study._report_times(snapshots)
-    assert (np.diff(times) > 0.5e-9 * duration).all()
-    np.testing.assert_array_equal(times[np.searchsorted(times, snapshots)], snapshots)
-    assert times.size <= study.REPORT_INSTANTS + snapshots.size + 1
 
 
 def test_info_tells_what_a_file_is(scene_file, tmp_path, capsys):

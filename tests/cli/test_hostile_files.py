@@ -11,7 +11,6 @@ from histories import CODE, HOSTILE, altered_history
 from results import make_modes
 
 from cablepod import cli, provenance
-from cablepod.archive import _lineage as lineage
 from cablepod.archive import write
 from cablepod.errors import printable
 
@@ -119,6 +118,3 @@ def test_what_is_left_out_is_filled_in():
     assert stage["parameters"] == {}
     assert stage["inputs"] == []
     assert stage["program"] == "unknown"
-    assert lineage._callable("__main__.main") is None
-    assert lineage._callable("cli.main") is None
-    assert lineage._callable("chain.simulate") is not None

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
-import xarray as xr
-from children import run_python
+from children import run_python, without_progress
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.cli import _periodic
-from cablepod.periodic._output import warn_of_result
 
 GUY = """
 title = "a guy"
@@ -61,22 +56,20 @@ def test_respond_writes_branches_and_prints_bifurcations(guy, tmp_path, capsys):
     assert cli.main([*arguments, "--overwrite"]) == 0
 
 
-def test_ramps_are_left_out_with_a_note(tmp_path, capsys):
-    for where, text in (
-        ("motion.upper.x.ramp", GUY.replace("angular_frequency = 12.5", "angular_frequency = 12.5\nramp = 3.0")),
-        (
-            "motion.upper.x.ramp",
-            GUY.replace("[damping]", "ramp = 3.0\n[ensemble.ranges]\n'motion.upper.x.ramp' = [1, 2, 3]\n[damping]"),
-        ),
-    ):
+def test_ramps_are_left_out_with_a_note(guy, tmp_path, capsys):
+    def response(path, name):
+        arguments = ["respond", str(path), "--out", str(tmp_path / name), "--frequency", "12.4", "12.6", "--rank", "1"]
+        assert cli.main(arguments) == 0
+        return cp.archive.read(tmp_path / name / "frequency_response.nc"), without_progress(capsys.readouterr().err)
+
+    plain, said = response(guy, "plain")
+    assert said == ""
+    for number, table in enumerate(("", "[ensemble.ranges]\n'motion.upper.x.ramp' = [1, 2, 3]\n")):
         path = tmp_path / "ramped.toml"
-        path.write_text(text)
-        scene = _periodic._without_ramps(path)
-        assert capsys.readouterr().err == f"cablepod: note: left out: {where}, as a periodic response has no start\n"
-        (tmp_path / "guy.toml").write_text(GUY)
-        xr.testing.assert_equal(scene, cp.read_scene(tmp_path / "guy.toml"))
-        assert _periodic._without_ramps(tmp_path / "guy.toml").attrs["id"] == scene.attrs["id"]
-    assert capsys.readouterr().err == ""
+        path.write_text(GUY.replace("[damping]", f"ramp = 3.0\n{table}[damping]"))
+        without, said = response(path, f"ramped{number}")
+        assert said == "cablepod: note: left out: motion.upper.x.ramp, as a periodic response has no start\n"
+        assert without.attrs["id"] == plain.attrs["id"]
 
 
 def test_nothing_is_written_for_forcing_that_is_refused(tmp_path, capsys):
@@ -93,16 +86,19 @@ def test_nothing_is_written_for_forcing_that_is_refused(tmp_path, capsys):
         assert not (tmp_path / "out").exists()
 
 
-def test_missing_damping_is_told_before_the_run_and_not_again(tmp_path, capsys):
+def test_missing_damping_is_told_before_the_run_and_not_again(tmp_path, capsys, monkeypatch):
     path = tmp_path / "undamped.toml"
     path.write_text(GUY.replace("[damping]\nmass_proportional = 0.05\n", ""))
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        with _periodic._saying_of_damping(cp.read_scene(path)):
-            assert "damping is zero" in capsys.readouterr().err
-            with warnings.catch_warnings(record=True) as caught:
-                warn_of_result({}, "damping is zero")
-            assert not caught
+    before, respond = [], cp.periodic.frequency_response
+
+    def look_first(*given, **options):
+        before.append(capsys.readouterr().err)
+        return respond(*given, **options)
+
+    monkeypatch.setattr(cp.periodic, "frequency_response", look_first)
+    cli.main(["respond", str(path), "--out", str(tmp_path / "out"), "--frequency", "12.4", "12.6", "--rank", "1"])
+    assert "damping is zero" in before[0]
+    assert "damping is zero" not in capsys.readouterr().err
 
 
 def test_tongues_writes_a_map_with_given_modes(guy, tmp_path, capsys):
@@ -151,18 +147,13 @@ INTERRUPTED = {
 
 @pytest.mark.parametrize("command", INTERRUPTED)
 def test_ctrl_c_leaves_what_was_computed(command, guy, tmp_path, capsys, monkeypatch):
-    class Pressed(_periodic.Bars):
-        def __call__(self, label, fraction):
-            if fraction > 0.2:
-                raise KeyboardInterrupt
+    def press(fraction):
+        if fraction > 0.2:
+            raise KeyboardInterrupt
 
-    def one_by_one(function, items, workers, done=lambda count: None):
-        for count, item in enumerate(items, start=1):
-            function(item)
-            done(count)
-
-    monkeypatch.setattr(_periodic, "Bars", Pressed)
-    monkeypatch.setattr("cablepod.periodic._map.map_threads", one_by_one)
+    name = {"respond": "frequency_response", "tongues": "stability_map"}[command]
+    compute = getattr(cp.periodic, name)
+    monkeypatch.setattr(cp.periodic, name, lambda *given, **options: compute(*given, **{**options, "progress": press}))
     arguments, name, said = INTERRUPTED[command]
     out = tmp_path / "out"
     assert cli.main([command, guy, "--out", str(out), *arguments]) == 130
@@ -178,14 +169,19 @@ def test_ctrl_c_leaves_what_was_computed(command, guy, tmp_path, capsys, monkeyp
 #: The command, which sends itself the signal while it works.
 PRESSES = """
 import os, signal, sys
-from cablepod.cli import _process, main, _periodic
-class Pressed(_periodic.Bars):
-    def __call__(self, label, fraction):
-        if fraction > 0.0:
-            os.kill(os.getpid(), signal.{number})
-_periodic.Bars = Pressed
+from cablepod import periodic
+from cablepod.__main__ import main
+
+def press(fraction):
+    if fraction > 0.0:
+        os.kill(os.getpid(), signal.{number})
+
+def pressed(compute):
+    return lambda *given, **options: compute(*given, **{{**options, "progress": press}})
+
+periodic.frequency_response, periodic.stability_map = pressed(periodic.frequency_response), pressed(periodic.stability_map)
 sys.argv = ["cablepod", *{arguments!r}]
-_process.run(main, sys.argv[1:])
+main()
 """
 
 

@@ -22,7 +22,6 @@ from scenes import SOFT_TOML
 from suite import slow
 
 import cablepod as cp
-from cablepod.cli import _process
 
 #: What an installed script does.  It tells that the command begins where code of the package first can: before, for milliseconds,
 #: Python looks for the package, and a signal ends it in Python's own way.
@@ -121,6 +120,13 @@ def without_notes(error: str) -> list[str]:
     return [line for line in error.splitlines() if not line.startswith("cablepod: note: ")]
 
 
+def message(command: str, number: int) -> str:
+    """Return the line after a signal."""
+    cause = "interrupted" if number == signal.SIGINT else "terminated"
+    how = "the same command goes on where it stopped" if command == "ensemble" else "--overwrite begins anew"
+    return f"cablepod: {cause}; every file that was written is whole, {how}"
+
+
 def is_whole(folder: Path) -> int:
     """Read every file completely; return their number."""
     files = [path for path in folder.rglob("*.nc") if not path.name.startswith(".")]
@@ -153,9 +159,9 @@ def test_every_instant_ends_with_one_line(command, name, tmp_path):
             assert end.status == 0, told
             assert not without_notes(end.error), told
             continue
-        assert end.status == _process.STATUS[number], told
+        assert end.status == 128 + number, told
         lines = without_notes(end.error)
-        assert lines == [_process.message(arguments[0], number)], told
+        assert lines == [message(arguments[0], number)], told
         assert end.error.endswith(f"{lines[0]}\n"), told
         assert end.seconds < longest(), told
         files = is_whole(out) if out.exists() else 0
@@ -207,15 +213,16 @@ def test_sigint_remains_ignored_in_the_background(tmp_path, ctrl_c):
         process.wait(0.5)
     process.send_signal(signal.SIGTERM)
     _, error = finish(process, timeout=60)
-    assert (process.returncode, error) == (143, f"{_process.message('ensemble', signal.SIGTERM)}\n")
+    assert (process.returncode, error) == (143, f"{message('ensemble', signal.SIGTERM)}\n")
 
 
 #: A process with a child that does not look whether its parent is there; its main thread takes KeyboardInterrupt or does not.
 WITH_CHILD = """
 import multiprocessing, time
-from cablepod.cli import _process
+import cablepod.cli
+from cablepod.__main__ import main
 
-def main():
+def command():
     multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,)).start()
     print("started", flush=True)
     while True:
@@ -225,7 +232,8 @@ def main():
             if {orderly}:
                 return 1
 
-_process.run(main, [])
+cablepod.cli.main = command
+main()
 """
 
 
@@ -237,12 +245,12 @@ def test_children_end_with_the_command(orderly):
     sent = time.monotonic()
     process.terminate()
     finish(process, timeout=60)  # which waits until nobody holds stdout any more
-    assert process.returncode == _process.STATUS[signal.SIGTERM]
+    assert process.returncode == 128 + signal.SIGTERM
     assert time.monotonic() - sent < longest()
 
 
 def test_a_status_and_a_traceback_are_as_usual(tmp_path):
-    code = "import sys; from cablepod.cli import _process; _process.run(lambda: {}, [])"
+    code = "import sys; import cablepod.cli; cablepod.cli.main = lambda: {}; from cablepod.__main__ import main; main()"
     for text, status, said in (("3", 3, ""), ("sys.exit('out')", 1, "out"), ("1 / 0", 1, "ZeroDivisionError")):
         end = run_python("-c", code.format(text), timeout=60)
         assert end.returncode == status

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import tomllib
 
 import pytest
@@ -11,7 +10,6 @@ from children import without_progress
 import cablepod as cp
 from cablepod import cli
 from cablepod import examples as shipped
-from cablepod.cli import _commands
 
 
 @pytest.fixture
@@ -112,16 +110,3 @@ def test_nothing_is_overwritten_or_guessed(here, capsys, arguments, said):
     assert err.count("\n") == 1
     assert (here / "there.toml").read_text() == "mine"
     assert [path.name for path in here.iterdir()] == ["there.toml"]
-
-
-def test_every_command_has_examples_that_parse(capsys):
-    group = _commands.commands
-    assert set(group.commands) >= {"run", "paper", "info", "new", "examples"}
-    for name in group.commands:
-        assert cli.main([name, "--help"]) == 0
-        text = capsys.readouterr().out
-        examples = [line.partition("#")[0].split(">")[0] for line in text.splitlines() if "  cablepod " in line]
-        assert any(f"cablepod {name}" in example for example in examples), f"the help of {name} has no example"
-        for example in examples:
-            _, command, *arguments = shlex.split(example)
-            group.commands[command].make_context(command, arguments)

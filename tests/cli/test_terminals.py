@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from children import environment, run_python
+from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod import cli
@@ -35,10 +36,16 @@ def test_an_unknown_backend_is_refused_before_the_run(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_needs_no_backend():
-    program = "from cablepod.cli import _group; _group.import_matplotlib(); import os; print(os.environ['MPLBACKEND'])"
-    done = run_python("-c", program, env={**environment(), "MPLBACKEND": "nonsense"}, timeout=120.0)
-    assert done.stdout == "nonsense\n", done.stderr
+def test_the_command_needs_no_backend(tmp_path):
+    scene = SOFT_TOML.replace("[ends]", "thermal_expansion = 1.2e-5\n[ends]")
+    (tmp_path / "soft.toml").write_text(scene)
+    program = (
+        "import os, sys; from cablepod.cli import main; assert main(sys.argv[1:]) == 0; print(os.environ['MPLBACKEND'])"
+    )
+    command = ["stringing", tmp_path / "soft.toml", "--temperatures", "0", "20", "2", "--out", tmp_path / "out"]
+    done = run_python("-c", program, *command, env={**environment(), "MPLBACKEND": "nonsense"}, timeout=120.0)
+    assert done.stdout.endswith("nonsense\n"), done.stderr
+    assert list((tmp_path / "out").glob("*.png"))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names on this system")

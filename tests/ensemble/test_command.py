@@ -5,15 +5,11 @@ from __future__ import annotations
 import csv
 
 import numpy as np
-import pytest
-import xarray as xr
 from children import without_progress
 from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.archive._manifest import peak_of
-from cablepod.cli import _map
 
 TABLE = """
 [ensemble]
@@ -84,54 +80,6 @@ def test_the_command_ends_with_a_map_and_the_largest_tension(tmp_path, capsys):
     assert head[:4] == ["member", "cable_top_tension [N]", "ends_upper_x [m]", "largest tension [N]"]
     np.testing.assert_allclose([float(row[3]) for row in rows], peaks, rtol=1e-9)
     np.testing.assert_allclose([float(row[2]) for row in rows], run["ends_upper_x"], rtol=1e-9)
-
-
-def test_the_table_of_the_map_tells_what_is_doubtful(tmp_path):
-    tension = np.array([[5.0, 7.0], [9.0, 4.0], [np.nan, np.nan]])
-    results = xr.Dataset(
-        {
-            "tension_maximum": (("member", "link"), tension),
-            "tension_minimum": (("member", "link"), tension - 4.0),
-            "time_error_estimate": ("member", [2e-4, 1e-5, np.nan]),
-            "error_estimate": ("member", [0.7, 0.1, np.nan]),
-            "failure": ("member", ["", "", "diverged"]),
-        },
-        coords={"member": [0, 1, 2], "size": ("member", [1.0, 2.0, 3.0], {"units": "m"})},
-        attrs={"accepted_time_error": 1e-4},
-    )
-    _map._write_table(tmp_path / "map.csv", results, ["size"])
-    lines = (tmp_path / "map.csv").read_text().splitlines()
-    assert lines[0] == "member,size [m],largest tension [N],smallest tension [N],time_error_estimate [1],note"
-    assert lines[1:] == [
-        "0,1,7,1,0.0002,not converged; model error above half the motion",
-        "1,2,9,0,1e-05,slack at times",
-        "2,3,nan,nan,nan,failed: diverged",
-    ]
-
-
-def test_the_table_of_the_map_has_frequencies_in_hertz_and_the_error_of_the_peak(tmp_path):
-    # of 1000 N, 1 N of which are motion: 30 % of these are little of the peak; of the second they are a part of it
-    results = xr.Dataset(
-        {
-            "tension_maximum": (("member", "link"), [[990.0, 1000.0], [99.0, 100.0]]),
-            "tension_minimum": (("member", "link"), [[989.0, 999.0], [20.0, 20.0]]),
-            "time_error_estimate": ("member", [0.1, 0.1]),
-            "tension_time_error_estimate": ("member", [0.3, 0.3]),
-            "failure": ("member", ["", ""]),
-        },
-        coords={"member": [0, 1], "x_angular_frequency": ("member", [3.0, 6.0], {"units": "rad s-1"})},
-        attrs={"accepted_time_error": 1e-4},
-    )
-    _map._write_table(tmp_path / "map.csv", results, ["x_angular_frequency"])
-    with (tmp_path / "map.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [float(row["x_frequency [Hz]"]) for row in rows] == pytest.approx([3.0 / (2 * np.pi), 6.0 / (2 * np.pi)])
-    of_peak = [float(row["time error of the largest tension [1]"]) for row in rows]
-    assert of_peak == pytest.approx([0.3 * 1.0 / 1000.0, 0.3 * 80.0 / 100.0])
-    manifest = {"done": {"0": {"largest_tension": {"member": 1, "value": 9e3, "at": {"x": 3.0}}, "not_converged": {}}}}
-    (line,) = peak_of({**manifest, "varied": {"x": [1.0, 6.0, "rad s-1"]}})
-    assert line == "largest tension  9 kN, in member 1 (x 3 rad s-1 (0.4775 Hz))"
-    assert [row["note"] for row in rows] == ["not converged, but the largest tension is", "not converged"]
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):

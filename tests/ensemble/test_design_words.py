@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 import xarray as xr
 from mast_scenes import small
+from scene_files import toml_of
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
-from cablepod import lineage
-from cablepod.cli import _map, _summary
+from cablepod import cli, lineage
 
 SPECTRUM, DECAY = "wind.turbulence.spectrum", "wind.turbulence.decay"
 SHORT = {**GUY, "time": {"duration": 1.0, "interval": 0.5}, "chain": {"links": 6}}
 WINDY = {**SHORT, "wind": {**KAIMAL, "ground": -1.0}}
+RANGES = {SPECTRUM: ["kaimal", "davenport"], DECAY: [[10.0, 16.0], [8.0, 12.0]], "wind.speed": [10.0, 20.0, 2]}
 STEP = {"step": 1e-3, "outputs": ("position", "tension_extremes")}
 
 
@@ -85,12 +86,14 @@ def test_keys_that_the_scene_lacks_are_made_with_the_defaults_of_their_table():
     np.testing.assert_array_equal(runs["position"].values[1], alone["position"].values)
 
 
-def test_a_table_of_the_scene_file_gives_the_same_scenes(tmp_path):
+def test_a_table_of_the_scene_file_gives_the_same_scenes(tmp_path, capsys):
     ranges = {SPECTRUM: ["kaimal", "davenport"], "ice.thickness": [0.0, 0.01], DECAY: [[10.0, 16.0], [8.0, 12.0]]}
     table = {"members": 4, "seed": 3, "ranges": ranges}
     scene = cp.make_scene({**WINDY, "ensemble": table})
     xr.testing.assert_equal(cp.ensemble.design(scene), design(WINDY, ranges, members=4, seed=3))
-    lines = _summary.ensemble_of(scene).splitlines()
+    (tmp_path / "scene.toml").write_text(toml_of({**WINDY, "ensemble": table}))
+    assert cli.main(["check", str(tmp_path / "scene.toml")]) == 0
+    lines = capsys.readouterr().out.splitlines()
     assert any(line.split() == [SPECTRUM, "kaimal,", "davenport"] for line in lines)
     assert any(line.split() == ["ice.thickness", "0", "to", "0.01", "m"] for line in lines)
     assert any("[10.0, 16.0], [8.0, 12.0]" in line for line in lines)
@@ -150,8 +153,7 @@ def test_a_wind_without_direction_is_one_error():
 def words(tmp_path_factory):
     """Scenes with words and lists, the folder of their run, and the results."""
     folder = tmp_path_factory.mktemp("words") / "it"
-    ranges = {SPECTRUM: ["kaimal", "davenport"], DECAY: [[10.0, 16.0], [8.0, 12.0]], "wind.speed": [10.0, 20.0, 2]}
-    scenes = design(WINDY, ranges)
+    scenes = cp.ensemble.design(cp.make_scene({**WINDY, "ensemble": {"ranges": RANGES}}))
     return scenes, folder, cp.ensemble.run(scenes, folder, batch=3, **STEP).compute()
 
 
@@ -177,7 +179,7 @@ def test_a_run_with_words_goes_on_and_refuses_others(words, tmp_path):
     (folder / "batch_0001.nc").unlink()
     again = cp.ensemble.run(scenes, folder, batch=3, **STEP)
     xr.testing.assert_identical(again.compute(), whole)
-    others = {SPECTRUM: ["kaimal", "davenport"], DECAY: [[10.0, 16.0], [8.0, 13.0]], "wind.speed": [10.0, 20.0, 2]}
+    others = {**RANGES, DECAY: [[10.0, 16.0], [8.0, 13.0]]}
     with pytest.raises(cp.ArchiveError, match="the scenes differ, in wind_turbulence_decay"):
         cp.ensemble.run(design(WINDY, others), folder, batch=3, **STEP)
     made: dict = {}
@@ -189,10 +191,13 @@ def test_a_run_with_words_goes_on_and_refuses_others(words, tmp_path):
     np.testing.assert_array_equal(cp.chain.simulate(read, **STEP)["position"], whole["position"])
 
 
-def test_the_map_is_a_table_with_words(words):
+def test_the_map_is_a_table_with_words(words, tmp_path, capsys):
     _, folder, whole = words
-    line = _map.write(folder, whole)
-    assert "a picture needs two varied parameters, here 1 beside 2 of words or lists" in line
+    (tmp_path / "scene.toml").write_text(toml_of({**WINDY, "ensemble": {"ranges": RANGES}}))
+    command = ["ensemble", str(tmp_path / "scene.toml"), "--out", str(folder), "--batch", "3"]  # has nothing to compute
+    assert cli.main([*command, "--option", "step=1e-3", "--option", f"outputs={[*STEP['outputs']]}"]) == 0
+    said = capsys.readouterr().out
+    assert "a picture needs two varied parameters, here 1 beside 2 of words or lists" in said
     with (folder / "map.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["wind_turbulence_spectrum"] for row in rows] == whole["wind_turbulence_spectrum"].values.tolist()
@@ -243,13 +248,7 @@ def test_records_of_motions_vary_with_the_folder_of_the_scene_file(tmp_path):
         _record(tmp_path / name, count, height)
     file = tmp_path / "scene.toml"
     motion = '[motion.upper.x]\nkind = "file"\npath = "a.csv"\n'
-    text = "\n".join(
-        [
-            "[cable]", *(f"{key} = {value}" for key, value in SHORT["cable"].items()),
-            "[ends]", *(f"{key} = {value}" for key, value in SHORT["ends"].items()),
-            "[chain]\nlinks = 6\n[time]\nduration = 1.0\ninterval = 0.5", motion,
-        ]
-    )  # fmt: skip
+    text = toml_of(SHORT) + motion
     file.write_text(text + '[ensemble]\n[ensemble.ranges]\n"motion.upper.x.path" = ["a.csv", "b.csv"]\n')
     scenes = cp.ensemble.design(cp.read_scene(file))
     assert [name.rpartition("/")[2] for name in scenes["motion_upper_x_path"].values.tolist()] == ["a.csv", "b.csv"]

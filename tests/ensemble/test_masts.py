@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import json
 import re
@@ -9,54 +10,26 @@ import re
 import numpy as np
 import pytest
 from mast_scenes import SMALL, small
+from scene_files import toml_of
 from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.cli import _map
-from cablepod.mast._fatigue import EXPONENT
 
-MAST = """
-[mast]
-height = 30.0
-bending_stiffness = 4.0e6
-mass = 20.0
-elements = 8
-modes = 3
-[[mast.load]]
-level = 30.0
-force = [1000.0, 0.0, 400.0]
-kind = "harmonic"
-amplitude = 1.0
-angular_frequency = 5.0
-[cables.guy]
-youngs_modulus = 1.6e11
-area = 3.8e-5
-density = 8000.0
-breaking_strength = 4.0e4
-[[guy]]
-cable = "guy"
-level = 28.0
-radius = 20.0
-count = 3
-direction = [1.0, 0.0, 0.0]
-top_tension = 5000.0
-[damping]
-mass_proportional = 0.1
-[time]
-duration = 4.0
-interval = 0.04
-[ensemble.ranges]
-"mast.load.1.force.x" = [500.0, 1000.0, 2]
-"guy.1.top_tension" = [4000.0, 6000.0, 3]
-"""
+#: Six masts.
+MAST = copy.deepcopy(SMALL)
+MAST["cables"]["guy"]["breaking_strength"] = 4.0e4
+MAST["mast"]["load"][0].update(kind="harmonic", angular_frequency=5.0)
+del MAST["mast"]["load"][0]["duration"]
+MAST["ensemble"] = {"ranges": {"mast.load.1.force.x": [500.0, 1000.0, 2], "guy.1.top_tension": [4000.0, 6000.0, 3]}}
+EXPONENT = 4.0
 
 
 @pytest.fixture
 def study(tmp_path):
     """A scene file of six masts."""
     path = tmp_path / "mast.toml"
-    path.write_text(MAST)
+    path.write_text(toml_of(MAST))
     return path
 
 
@@ -160,28 +133,27 @@ def test_modes_of_the_guys_serve_an_ensemble(tmp_path):
 
 
 def test_failed_and_slack_masts_are_told_in_the_table(tmp_path):
-    def change(mapping):
-        mapping["cables"]["guy"]["breaking_strength"] = 4e4
-        mapping["mast"]["damping_ratio"] = 0.05
-
-    forces = {"mast.load.1.force.x": [1000.0, 5000.0, 1e9]}
-    scenes = cp.ensemble.design(small(change), forces, members=3, sampling="list")
-    with pytest.warns(cp.errors.MemberFailedWarning), pytest.warns(cp.errors.OutOfRangeWarning):
-        runs = cp.ensemble.run(scenes, tmp_path / "it", model="mast", step=0.02)
-    _map.write(tmp_path / "it", runs)
+    mast = copy.deepcopy(MAST)
+    mast["mast"]["damping_ratio"] = 0.05
+    ranges = {"mast.load.1.force.x": [1000.0, 5000.0, 1e9]}
+    mast["ensemble"] = {"members": 3, "sampling": "list", "ranges": ranges}
+    (tmp_path / "mast.toml").write_text(toml_of(mast))
+    command = ["ensemble", str(tmp_path / "mast.toml"), "--out", str(tmp_path / "it"), "--option", "step=0.02"]
+    cli.main(command)
     rows = table(tmp_path / "it")
     assert [row["note"].split(":")[0] for row in rows] == ["", "slack at times", "failed"]
     assert rows[2]["largest tension [N]"] == rows[2]["guy 1 utilisation [1]"] == "nan"
 
 
-def test_a_mast_without_guys_has_a_table_too(tmp_path):
-    def change(mapping):
-        mapping["mast"]["base"] = "clamped"
-        mapping["mast"]["load"][0]["force"] = [100.0, 0.0, 40.0]
-        mapping["guy"] = []
-
-    scenes = cp.ensemble.design(small(change), {"mast.load.1.force.x": [100.0, 200.0, 2], "mast.mass": [20.0, 30.0, 2]})
-    runs = cp.ensemble.run(scenes, tmp_path / "it", model="mast", outputs=("displacement", "extremes"))
-    assert _map.write(tmp_path / "it", runs).endswith("map.csv; no picture of tensions: the mast has no guys")
+def test_a_mast_without_guys_has_a_table_too(tmp_path, capsys):
+    mast = {name: copy.deepcopy(value) for name, value in MAST.items() if name not in ("cables", "guy")}
+    mast["mast"]["base"] = "clamped"
+    mast["mast"]["load"][0]["force"] = [100.0, 0.0, 40.0]
+    mast["ensemble"] = {"ranges": {"mast.load.1.force.x": [100.0, 200.0, 2], "mast.mass": [20.0, 30.0, 2]}}
+    (tmp_path / "mast.toml").write_text(toml_of(mast))
+    option = ["--option", "outputs=['displacement', 'extremes']"]
+    assert cli.main(["ensemble", str(tmp_path / "mast.toml"), "--out", str(tmp_path / "it"), *option]) == 0
+    assert "map.csv; no picture of tensions: the mast has no guys\n" in capsys.readouterr().out
     moved = [float(row["largest displacement along x or z [m]"]) for row in table(tmp_path / "it")]
-    assert max(moved) == pytest.approx(float(abs(runs.displacement_maximum).max()), rel=1e-9)  # ten digits are printed
+    largest = float(abs(cp.archive.open_ensemble(tmp_path / "it").displacement_maximum).max())
+    assert max(moved) == pytest.approx(largest, rel=1e-9)  # ten digits are printed

@@ -12,8 +12,6 @@ from suite import slow
 
 import cablepod as cp
 from cablepod import conventions
-from cablepod._models import MODELS
-from cablepod.ensemble._job import compute
 
 RANGES = {"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, -0.02]}
 #: Rigid links do not move along a straight line between their ends: a slack cable whose length is given.
@@ -89,8 +87,8 @@ def test_attributes_that_become_variables_have_units_and_a_name(soft, model, opt
         modes = (full_modes(),)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the sine starts with a jump
-        alone = MODELS[model].simulate(scenes.isel(member=0, drop=True), *modes, **options)
-        result = compute(scenes, model, modes[0] if modes else None, options)
+        alone = getattr(cp, model).simulate(scenes.isel(member=0, drop=True), *modes, **options)
+        (result,) = cp.ensemble.batches(scenes, model=model, modes=modes[0] if modes else None, **options)
     numbers = [name for name, value in alone.attrs.items() if isinstance(value, int | float | np.number)]
     assert {"step", "number_of_steps"} <= set(numbers)
     assert ("motion_upper_x_offset" in numbers) == (model != "rigid")

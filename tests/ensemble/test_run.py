@@ -12,7 +12,6 @@ from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
 from cablepod import provenance
-from cablepod.archive._manifest import time_errors
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -182,23 +181,10 @@ def test_members_that_have_not_converged_are_counted_and_the_worst_named(scenes_
     assert lines[place + 4].startswith(f"largest tension  {peaks.max():.5g} N, in member {peaks.argmax()}")
     with pytest.warns(cp.NotConvergedWarning, match=said):  # the same call, which has nothing to compute
         cp.ensemble.run(scenes_of(), tmp_path / "it", batch=4)
-    assert time_errors(run, 1.0) == {}  # a tolerance that all meet
-
-
-def test_warnings_of_batches_of_the_condensed_model_become_one_of_all_members():
-    from cablepod.ensemble._collect_warnings import emit_of_all_members
-
-    force = np.array([5.0, -1.0, 2.0, -8.0, -2.0, 4.0])
-    names = {"smallest_chordwise_force": force, "time_of_smallest_force": 0.1 * np.arange(6), "step": np.full(6, 1e-3)}
-    results = xr.Dataset({name: ("member", values) for name, values in names.items()}, attrs={"scheme": "numerov"})
-    of_batches = [
-        (cp.OutOfRangeWarning, "1 of 3 members, of these number 1 the worst: the chordwise force falls"),
-        (cp.OutOfRangeWarning, "2 of 3 members, of these number 0 the worst: the chordwise force falls"),
-        (cp.OutOfRangeWarning, "another"),
-    ]
-    with pytest.warns(cp.OutOfRangeWarning, match=r"^3 of 6 members, of these number 3 the worst: .* -8 N") as caught:
-        assert emit_of_all_members(of_batches, lambda: results) == of_batches[2:]
-    assert len(caught) == 1
+    with warnings.catch_warnings():  # a tolerance that all meet
+        warnings.simplefilter("error", cp.NotConvergedWarning)
+        warnings.filterwarnings("ignore", "not converged in time: ", cp.NotConvergedWarning)
+        list(cp.ensemble.batches(scenes_of(), batch=4, tolerance=0.999))
 
 
 OPTIONS = [

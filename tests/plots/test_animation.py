@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import importlib
 import re
+import shutil
 import subprocess
 import sys
 import types
@@ -22,7 +24,6 @@ from PIL import Image
 
 from cablepod import plots
 from cablepod.errors import SceneError
-from cablepod.plots._animation import find_ffmpeg
 
 
 @pytest.fixture(autouse=True)
@@ -108,7 +109,17 @@ def test_given_axes_are_used():
     assert plots.animate(trajectory(), ax=ax).ax is ax
 
 
-@pytest.mark.skipif(find_ffmpeg() is None, reason="neither ffmpeg nor imageio-ffmpeg is installed")
+def ffmpeg():
+    """The program ffmpeg of the system or of a package; None without both."""
+    if found := shutil.which("ffmpeg"):
+        return found
+    try:
+        return importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        return None
+
+
+@pytest.mark.skipif(ffmpeg() is None, reason="neither ffmpeg nor imageio-ffmpeg is installed")
 def test_an_mp4_has_a_frame_for_each_instant_and_they_differ(tmp_path):
     _, ax = plt.subplots(figsize=(5.0125, 3.0125))  # 401 x 241 pixels, of which a video holds even numbers only
     movie = plots.animate(trajectory(), ax=ax)
@@ -116,7 +127,7 @@ def test_an_mp4_has_a_frame_for_each_instant_and_they_differ(tmp_path):
     path = movie.save(tmp_path / "guy.mp4", frames_per_second=10)
     assert ax.figure.get_size_inches().tolist() == size
     assert mpl.rcParams["animation.ffmpeg_path"] == told
-    options = [find_ffmpeg(), "-i", str(path), "-f", "rawvideo", "-pix_fmt", "gray", "-"]
+    options = [ffmpeg(), "-i", str(path), "-f", "rawvideo", "-pix_fmt", "gray", "-"]
     read = subprocess.run(options, capture_output=True, check=True)
     assert re.search(rb"Duration: 00:00:00.40, .* h264 .* 400x240\b.* 10 fps", read.stderr, re.DOTALL)
     frames = np.frombuffer(read.stdout, np.uint8).reshape(-1, 240, 400)
@@ -127,14 +138,18 @@ def test_an_mp4_has_a_frame_for_each_instant_and_they_differ(tmp_path):
         assert (frame > 240).mean() > 0.7  # a page, mostly white
 
 
-def test_the_ffmpeg_of_a_package_is_found_where_there_is_no_other(monkeypatch):
-    monkeypatch.setattr(animation.writers, "is_available", lambda name: False)
+@pytest.mark.parametrize("used", ["package", "system"])
+def test_the_ffmpeg_of_a_package_is_found_where_there_is_no_other(used, tmp_path, monkeypatch):
+    for name in ("package", "system"):  # programs that write their name
+        (tmp_path / name).write_text(f'#!/bin/sh\nfor last; do :; done\ncat >/dev/null\necho {name} >"$last"\n')
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setattr(animation.writers, "is_available", lambda name: used == "system")
+    monkeypatch.setitem(mpl.rcParams, "animation.ffmpeg_path", str(tmp_path / "system"))
     package = types.ModuleType("imageio_ffmpeg")
-    package.get_ffmpeg_exe = lambda: "its own"
+    package.get_ffmpeg_exe = lambda: str(tmp_path / "package")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", package)
-    assert find_ffmpeg() == "its own"
-    monkeypatch.setattr(animation.writers, "is_available", lambda name: True)
-    assert find_ffmpeg() == mpl.rcParams["animation.ffmpeg_path"]
+    movie = plots.animate(trajectory(), frames=2)
+    assert movie.save(tmp_path / "guy.mp4").read_text() == f"{used}\n"
 
 
 @pytest.mark.parametrize("package", [None, "without a program"])

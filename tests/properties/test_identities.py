@@ -12,12 +12,9 @@ import xarray as xr
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from random_scenes import COMMON
-from scenes import spatial
+from scenes import spatial, uniform_chain
 
 import cablepod as cp
-from cablepod.discretisation._chain import chain_of
-from cablepod.discretisation._chord_frame import ALIGNED
-from cablepod.parameters._from_scene import parameters
 
 Mapping = dict[str, Any]
 
@@ -62,8 +59,9 @@ def ends_motion(draw: st.DrawFn, most: float, first: float) -> Mapping:
 
 
 def step_of(scene: xr.Dataset) -> float:
-    """Half of the stability limit of the explicit chain [s]."""
-    return 0.5 * chain_of(parameters(scene)).step_limit()
+    """Half of the stability limit of the explicit chain [s], the time of an axial wave along a link."""
+    link = float(cp.catenary.rest(scene).unstretched_length) / int(scene.chain_links)
+    return 0.5 * link * math.sqrt(float(scene.cable_density / scene.cable_youngs_modulus))
 
 
 def runs(mapping: Mapping, step: float) -> dict[str, xr.Dataset]:
@@ -132,13 +130,15 @@ def test_energy_is_kept(mapping, law):
     # the energy is kept at steps, so instants are steps
     step = interval / math.ceil(interval / (8.0 * step_of(scene)))
     run = cp.chain.simulate(scene, law=law, scheme="energy_momentum", step=step, outputs=("position", "velocity"))
-    chain = chain_of(parameters(scene), None, law)
-    mass = parameters(scene).mass * (chain.length[1:] + chain.length[:-1]) / 2.0
-    kinetic = 0.5 * (run.velocity.values[:, 1:-1] ** 2).sum(axis=2) @ mass
-    xi = chain.stretch(run.position.values)
+    chain = uniform_chain(scene, run)
+    kinetic = 0.5 * (run.velocity.values**2).sum(axis=2) @ chain.mass
+    xi = np.linalg.norm(np.diff(run.position, axis=1), axis=2) / chain.length
     per_length = (xi**2 - 1.0) ** 2 / 8.0 if law == "green" else np.maximum(xi - 1.0, 0.0) ** 2 / 2.0
-    strain = chain.p.stiffness * per_length @ chain.length
-    work = (chain.loads(0.0) * run.position.values).sum(axis=(1, 2))
+    strain = per_length @ (chain.stiffness * chain.length**2)
+    weight = np.array([0.0, -float(scene.gravity * scene.cable_density * scene.cable_area)])
+    load = scene.load_uniform.values + weight
+    share = chain.mass / float(scene.cable_density * scene.cable_area)  # of the length
+    work = np.einsum("tpc,p,c->t", run.position.values, share, load)
     total = kinetic + strain - work
     assert kinetic.max() > 0.0
     # 1e-11: Newton's method stops at rounding of the forces; sums of strain energies round at 1e-16 of themselves
@@ -179,7 +179,7 @@ def test_in_space_the_vertical_is_the_only_direction(mapping, angle):
     image = runs(turned(space, matrix), step_of(scene))
     span, rise = mapping["ends"]["upper"]
     for model, run in runs(mapping, step_of(scene)).items():
-        if model == "condensed" and abs(rise) > 0.99 * ALIGNED * math.hypot(span, rise):
+        if model == "condensed" and abs(rise) > 0.97 * math.hypot(span, rise):
             continue  # along the vertical a horizontal axis tells the normals apart, and these turn as that says
         agree(image[model].position.values, run.position.values @ matrix[:, :2].T, scene, ROUNDING)
         np.testing.assert_allclose(image[model].tension, run.tension, rtol=1e-6, err_msg=model)

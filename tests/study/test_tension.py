@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 
 import numpy as np
 import pytest
+from mast_scenes import SMALL
 from mast_scenes import WIND as MAST_WIND
-from mast_scenes import small
+from scene_files import toml_of
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.cli import _mast, _report
-from cablepod.study import _tension
 
 ENDS = ["lower", "upper"]
 
 
-def guy(wind, *, duration=6.0, **tables):
+def tables_of(wind, *, duration=6.0, **tables):
     cable = {**GUY["cable"], "breaking_strength": 1.8e5}
     time = {"duration": duration, "interval": 0.25}
-    return cp.make_scene({**GUY, "cable": cable, "chain": {"links": 8}, "time": time, "wind": wind} | tables)
+    return {**GUY, "cable": cable, "chain": {"links": 8}, "time": time, "wind": wind} | tables
+
+
+def guy(wind, **options):
+    return cp.make_scene(tables_of(wind, **options))
 
 
 @pytest.fixture(scope="module")
@@ -80,18 +84,10 @@ def test_statistics_begin_where_the_last_ramp_ends():
     assert float(ends.tension_minimum) < float(ends.end_tension_minimum.min())  # of the whole run
 
 
-@pytest.mark.parametrize(
-    ("ramps", "start"),
-    [([], 0.0), ([0.0], 0.0), ([2.0, 5.0], 5.0), ([9.0], 9.0), ([9.5], 0.0), ([20.0], 0.0)],
-)
-def test_too_little_after_a_ramp_is_no_part(ramps, start):
-    assert _tension.start_of_statistics(ramps, 10.0) == start
-
-
-def test_the_command_prints_and_writes_them(stormy, tmp_path, monkeypatch, capsys):
-    scene, study = stormy
-    monkeypatch.setattr("cablepod.cli._commands.read_scene", lambda path: scene)
-    assert cli.main(["run", "example2", "--out", str(tmp_path), "--ranks", "4"]) == 0
+def test_the_command_prints_and_writes_them(stormy, tmp_path, capsys):
+    _, study = stormy
+    (tmp_path / "guy.toml").write_text(toml_of(tables_of(KAIMAL)))
+    assert cli.main(["run", str(tmp_path / "guy.toml"), "--out", str(tmp_path), "--ranks", "4"]) == 0
     said = capsys.readouterr().out
     ends = cp.archive.read(tmp_path / "tension.nc")
     assert ends.attrs["id"] == study["tension"].attrs["id"]
@@ -116,31 +112,32 @@ def test_the_command_prints_and_writes_them(stormy, tmp_path, monkeypatch, capsy
     peak = [1e-3 * ends.tension_maximum, ends.tension_maximum_time, ends.tension_maximum_arc_length]
     np.testing.assert_allclose([float(number) for number in largest.groups()], peak, rtol=5e-3)
     assert said.splitlines()[-1].startswith(f"{tmp_path}: tension.png, tension_map.png, deflection.png")
-    of_upper = json.loads(_report.as_json(study))["answers"]["tension"]["upper"]
-    assert of_upper["fatigue_range"] == float(ends.fatigue_range.sel(end="upper"))  # in N
 
 
-def test_still_air_has_no_such_file(soft):
-    study = cp.study.run(cp.make_scene(soft), ranks=[4])
-    assert "tension" not in study
-    assert "in the wind" not in _report.answers_text(study)
+def test_json_has_the_tension_in_newtons(tmp_path, capsys):
+    (tmp_path / "guy.toml").write_text(toml_of(tables_of(KAIMAL, duration=2.0)))
+    command = ["run", str(tmp_path / "guy.toml"), "--out", str(tmp_path), "--ranks", "1", "--json"]
+    assert cli.main(command) == 0
+    of_upper = json.loads(capsys.readouterr().out)["answers"]["tension"]["upper"]
+    ends = cp.archive.read(tmp_path / "tension.nc")
+    assert of_upper["fatigue_range"] == float(ends.fatigue_range.sel(end="upper"))
 
 
-def test_a_mast_leaves_its_ramp_out_too(tmp_path):
-    def windy(mapping):
-        mapping["wind"] = MAST_WIND | {"ramp": 1.0}
-        mapping["time"]["duration"] = 4.0
-        del mapping["mast"]["load"]
-
-    scene = small(windy)
-    study = cp.study.run(scene, tmp_path)
-    guys = study["guys"].to_dataset()
+def test_a_mast_leaves_its_ramp_out_too(tmp_path, capsys):
+    mapping = copy.deepcopy(SMALL)
+    mapping["wind"] = MAST_WIND | {"ramp": 1.0}
+    mapping["time"]["duration"] = 4.0
+    del mapping["mast"]["load"]
+    scene = cp.make_scene(mapping)
+    (tmp_path / "mast.toml").write_text(toml_of(mapping))
+    assert cli.main(["run", str(tmp_path / "mast.toml"), "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    guys = cp.archive.read(tmp_path / "guys.nc")
     assert (guys.attrs["window_start"], guys.attrs["window_end"]) == (1.0, 4.0)
     run = cp.mast.simulate(scene, window=(1.0, 4.0))
     for name in ("guy_tension_mean", "guy_tension_maximum"):
         np.testing.assert_array_equal(guys[name], run[name])
     np.testing.assert_array_equal(guys.fatigue_range, cp.fatigue.equivalent(run.guy_tension.sel(time=slice(1.0, 4.0))))
-    said = _mast.text(study, tmp_path)
     assert "statistics from 1 s, where the last ramp ends, to 4 s" in said
     assert "towards: angle from +x towards +z of the anchor" in said
     rows = [line for line in said.splitlines() if re.match(r" +\d+ +[\d.]+ +[\d.]+ deg", line)]

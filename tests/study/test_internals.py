@@ -1,4 +1,4 @@
-"""Warnings of a study are given once, and run times have no compilation."""
+"""Parts of a study: warnings are given once, run times have no compilation, statistics begin after ramps."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from numba.core import event
 from public_calls import MAST
 from scenes import SOFT
 
@@ -14,6 +15,7 @@ import cablepod as cp
 from cablepod.cli import _mast, _report
 from cablepod.plots import mast_shapes
 from cablepod.study import _mast as study_of_mast
+from cablepod.study import _tension
 from cablepod.study._notes import OnceEach
 
 
@@ -54,8 +56,6 @@ def test_a_study_gives_a_note_once_and_counts_the_others():
 
 
 def test_the_run_time_of_a_mast_is_without_compilation(monkeypatch):
-    from numba.core import event
-
     scene = cp.make_scene(MAST)
     run = study_of_mast.mast.simulate(scene, step=0.02, outputs=study_of_mast.OUTPUTS)
 
@@ -81,12 +81,9 @@ def test_the_picture_of_the_modes_has_the_frequencies_of_the_table():
     assert len(ticks) == 6
 
 
-def test_the_report_says_what_extremes_are_of():
-    study = cp.study.run(cp.make_scene(SOFT), ranks=(1,))
-    assert "over all time steps; output times between steps do not count" in _report.answers_text(study)
-    for name in ("tension_minimum", "tension_maximum"):
-        assert (
-            study["chain"][name]
-            .attrs["long_name"]
-            .endswith("over all steps of the run, not at output times between them")
-        )
+@pytest.mark.parametrize(
+    ("ramps", "start"),
+    [([], 0.0), ([0.0], 0.0), ([2.0, 5.0], 5.0), ([9.0], 9.0), ([9.5], 0.0), ([20.0], 0.0)],
+)
+def test_too_little_after_a_ramp_is_no_part(ramps, start):
+    assert _tension.start_of_statistics(ramps, 10.0) == start
