@@ -125,6 +125,7 @@ def test_equidistant_instants_are_kept_bit_for_bit(times):
     np.testing.assert_array_equal(made, times)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_file_that_runs(soft, tmp_path):
     scene, modes = reduced(soft, step=1e-3)
     file = cp.archive.write(modes, tmp_path / "modes.nc")

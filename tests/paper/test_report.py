@@ -279,6 +279,7 @@ def test_a_sag_of_one_is_the_inextensible_shape_and_of_zero_the_chord():
     assert "initial_points" not in base
 
 
+@pytest.mark.slow
 def test_a_search_polishes_what_it_draws():
     found = initial_shape.search(draws=12, polished=1, most_evaluations=25, seed=3)
     assert float(found.polished_misfit[0]) < float(found.search_misfit.min())
@@ -367,6 +368,7 @@ def test_the_basis_of_the_chain_holds_until_the_laws_part():
     assert law[1] == pytest.approx(float(cp.compare.errors(elastic, cable).error_max), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_cell_that_does_not_settle_is_marked(monkeypatch):
     monkeypatch.setattr(validity, "TOLERANCE", 1e-13)
     found = validity.maps(tensions=(8e3,), stiffnesses=(2e5,), ranks=(1,))

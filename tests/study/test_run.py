@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -155,15 +153,6 @@ def test_files_appear_as_stages_are_done_and_figures_of_the_caller_stay_open(sce
         assert told.index((label, 0.0)) > told.index(STAGES[STAGES.index(stage) - 1])
         assert fractions == sorted(set(fractions))
         assert told.index((label, 1.0)) < told.index(stage)
-
-
-def test_nothing_is_written_or_drawn_without_a_folder(soft, tmp_path):
-    code = (
-        f"import os, sys, cablepod as cp; cp.study.run(cp.make_scene({soft!r}), ranks=[1]); "
-        "print(os.listdir(), [name for name in ('matplotlib', 'tqdm', 'click') if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "[] []\n", "")
 
 
 def test_a_stopped_run_keeps_its_partial_result(unstable, tmp_path):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from suite import slow
 
 import cablepod as cp
 
@@ -46,7 +47,7 @@ def test_a_light_line_stays_at_rest_in_a_steady_wind(options):
     np.testing.assert_allclose(run.tension, np.broadcast_to(rest.tension, run.tension.shape), rtol=1e-8)
 
 
-@pytest.mark.parametrize("scheme", [None, "trapezoidal"])
+@pytest.mark.parametrize("scheme", [None, slow("trapezoidal")])
 def test_the_continuous_light_line_stays_at_rest(scheme):
     scene = line()
     run, rest = cp.cable.simulate(scene, scheme=scheme, elements=8), cp.cable.rest(scene, elements=8)
@@ -97,6 +98,7 @@ def stiffless(scene):
     return scene.assign(cable_youngs_modulus=scene.cable_youngs_modulus / 20.0)
 
 
+@pytest.mark.slow
 def test_a_host_knows_the_limit_of_the_drag():
     scene = line(3)
     guy = cp.condensed.prepare(scene, cp.condensed.vibration_modes(scene, rank=1))
@@ -106,7 +108,7 @@ def test_a_host_knows_the_limit_of_the_drag():
     assert np.isfinite(guy.step(guy.end_position, np.zeros(3), 0.39 / RATE)).all()
 
 
-@pytest.mark.parametrize("guys", ["chain", "condensed"])
+@pytest.mark.parametrize("guys", [slow("chain"), "condensed"])
 def test_light_guys_of_a_mast_stay_at_rest_in_a_steady_wind(guys):
     cable = {"area": AREA, "youngs_modulus": 2e10, "density": MASS / AREA, "diameter": DIAMETER}
     scene = cp.make_scene(
