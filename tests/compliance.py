@@ -15,10 +15,7 @@ NO_TIME = "no time axis in parameters and modes"
 NO_MEANING = {
     "no place on Earth": ["geospatial_", "Could not find lat", "Could not find lon"],
     "no date": ["time_coverage_start not present", "time_coverage_end not present"],
-    NO_TIME: [
-        "time_coverage_duration not present",
-        "time_coverage_resolution not present",
-    ],
+    NO_TIME: ["time_coverage_duration not present", "time_coverage_resolution not present"],
     "the program cannot know who uses it": [
         "creator_",
         "contributor_",

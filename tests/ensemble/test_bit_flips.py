@@ -26,9 +26,7 @@ def test_a_flipped_bit_is_seen(name, flips, finished, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
-    [('"crc32"', '"brc32"'), ('"batch": 4, ', '"batch":4, ')],
-    ids=["name of the checksum", "form"],
+    ("old", "new"), [('"crc32"', '"brc32"'), ('"batch": 4, ', '"batch":4, ')], ids=["name of the checksum", "form"]
 )
 def test_a_changed_manifest_is_seen_though_its_values_are_the_same(old, new, finished, tmp_path):
     shutil.copytree(finished, folder := tmp_path / "it")

@@ -114,16 +114,10 @@ MISTAKES = [
         {"wind.direction": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]},
         r"at \[0\.0, 1\.0, 0\.0\] no scene: wind\.direction: given",
     ),
-    (
-        {"cable.bottom_tension": [1e4, 2e4]},
-        r"bottom_tension: given .*, at 10000 no scene: cable: given .*exactly one",
-    ),
+    ({"cable.bottom_tension": [1e4, 2e4]}, r"bottom_tension: given .*, at 10000 no scene: cable: given .*exactly one"),
     ({"ice.thicknes": [0.0, 0.1]}, r"ice\.thicknes: unknown key path; .*; try: ice\.thickness$"),
     ({"ice.density": [600.0, 900.0]}, r"given ice\.density, which make no scene: ice\.thickness: missing; allowed"),
-    (
-        {"ice.thickness": [-0.1, 0.1]},
-        r"thickness: given .*, at -0\.1 no scene: ice\.thickness: given -0\.1; allowed",
-    ),
+    ({"ice.thickness": [-0.1, 0.1]}, r"thickness: given .*, at -0\.1 no scene: ice\.thickness: given -0\.1; allowed"),
     ({"motion.upper.x.amplitude": [0.1, 0.2]}, r"motion\.upper\.x\.amplitude: unknown key path"),
     ({"cable.strand": ["a", "b"]}, r"cable\.strand: unknown key path"),
     ({"title": ["a", "b"]}, r"title: unknown key path"),

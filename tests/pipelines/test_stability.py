@@ -16,12 +16,7 @@ from cablepod.parameters._from_scene import parameters
 @pytest.fixture(scope="module")
 def pipeline():
     """The modules of the study and its cases by name."""
-    return {
-        "report": run,
-        "judge": verdict,
-        "figure": figure,
-        "cases": {case.name: case for case in cases.cases()},
-    }
+    return {"report": run, "judge": verdict, "figure": figure, "cases": {case.name: case for case in cases.cases()}}
 
 
 SMALL = (

@@ -84,12 +84,7 @@ def test_jobs_take_turns():
 
 
 @pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("compare.py", "compare"),
-        ("condensed/_runs.py", "condensed"),
-        ("paper/report.py", "paper"),
-    ],
+    ("path", "name"), [("compare.py", "compare"), ("condensed/_runs.py", "condensed"), ("paper/report.py", "paper")]
 )
 def test_files_have_a_sub_package(path, name):
     assert calls.sub_package(path) == name

@@ -94,11 +94,7 @@ def verdicts():
             "tolerance_error": (("case", "wanted_error"), [[1e-5], [nan]]),
             "tolerance_scheme": (("case", "wanted_error"), [[1], [-1]]),
         },
-        coords={
-            "case": ["a guy", "a whip"],
-            "scheme": ["velocity_verlet", "trapezoidal"],
-            "wanted_error": [1e-4],
-        },
+        coords={"case": ["a guy", "a whip"], "scheme": ["velocity_verlet", "trapezoidal"], "wanted_error": [1e-4]},
         attrs={"classes": "accurate, inaccurate, refused, stopped", "states": "met, missed with a warning"},
     )
 

@@ -146,10 +146,7 @@ def test_backbones_and_orbits():
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        (
-            lambda: plots.frequency_response(stability()),
-            "^response: ",
-        ),
+        (lambda: plots.frequency_response(stability()), "^response: "),
         (lambda: plots.stability_map(response()), "result: given a Dataset without growth_in_plane"),
         (lambda: plots.backbone(), "backbones: given none"),
         (lambda: plots.orbit(), "orbits: given none"),

@@ -109,10 +109,7 @@ def test_real_gusts_are_drawn():
 SINE = series(np.sin(TIME))
 WRONG = {
     "no field": (lambda: plots.wind_field(SINE.to_dataset()), "^wind: given a Dataset"),
-    "one instant": (
-        lambda: plots.wind_field(field().isel(time=[0])),
-        "^wind: given .*two instants and two points",
-    ),
+    "one instant": (lambda: plots.wind_field(field().isel(time=[0])), "^wind: given .*two instants and two points"),
     "component": (lambda: plots.wind_field(field(), component="u"), "^component: given 'u'"),
     "level points": (
         lambda: plots.wind_field(field((1.0, 1.0, 1.0)).drop_vars("relative_arc_length")),

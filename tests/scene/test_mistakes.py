@@ -211,11 +211,7 @@ MISTAKES = [
     ("point_load", LOAD, r"^point_load: given \{.*\}; allowed: an array of tables, \[\[point_load\]\]$"),
     ("point_load", [5], r"^point_load\.1: given 5; allowed: a table with the keys arc_length, force$"),
     # loads
-    (
-        "load",
-        {"uniform": [1, 2, 3]},
-        r"^load\.uniform: given 3 numbers; allowed: 2 numbers, for x, y; try: a spatial",
-    ),
+    ("load", {"uniform": [1, 2, 3]}, r"^load\.uniform: given 3 numbers; allowed: 2 numbers, for x, y; try: a spatial"),
     ("load", {"uniform": 9.81}, r"^load\.uniform: given 9\.81; allowed: a list of two or three finite numbers$"),
     ("load", {"uniform": [0, 0], "kind": "x"}, r'^load\.kind: given \'x\'; allowed: one of "one_minus_cosine"'),
     ("point_load", [LOAD, {**LOAD, "force": [1, 2, 3]}], r"^point_load\.2\.force: given .*; allowed: 2 numbers"),

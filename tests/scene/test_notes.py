@@ -116,13 +116,9 @@ def test_the_unit_is_named(key, value, unit):
 WIND = {"speed": 20.0, "direction": [1.0, 0.0]}
 
 
+@pytest.mark.parametrize(("given", "meant"), [("17", "0.017"), ("12.7", "0.0127")])
 @pytest.mark.parametrize(
-    ("given", "meant"),
-    [("17", "0.017"), ("12.7", "0.0127")],
-)
-@pytest.mark.parametrize(
-    ("more", "key"),
-    [({"breaking_strength": 1.5e5}, "cable.diameter"), ({"strand": "EHS 1/2 in"}, "cable.diameter")],
+    ("more", "key"), [({"breaking_strength": 1.5e5}, "cable.diameter"), ({"strand": "EHS 1/2 in"}, "cable.diameter")]
 )
 def test_a_diameter_in_millimetres_is_refused_with_metres(given, meant, more, key):
     mapping = guy(**more, diameter=float(given))

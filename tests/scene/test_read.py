@@ -70,10 +70,7 @@ def test_the_end_positions_are_those_of_the_motions(soft):
     run = cp.chain.simulate(scene, times=t, step=1e-3, outputs=("position", "velocity"))
     s = np.clip(t / 2, 0, 1)
     lower = np.stack([0.1 * (10 * s**3 - 15 * s**4 + 6 * s**5), 0.01 * t**2 + 0.002 * t**3], axis=-1)
-    upper = np.stack(
-        [8 - 0.05 * (1 - np.cos(2 * t)), 6 + 0.02 * (np.sin(3 * t + 0.3) - np.sin(0.3))],
-        axis=-1,
-    )
+    upper = np.stack([8 - 0.05 * (1 - np.cos(2 * t)), 6 + 0.02 * (np.sin(3 * t + 0.3) - np.sin(0.3))], axis=-1)
     found = run.isel(particle=[0, -1])
     np.testing.assert_allclose(found.position, np.stack([lower, upper], axis=1), rtol=0, atol=1e-15)
     rates = np.stack([0.05 * (30 * s**2 - 60 * s**3 + 30 * s**4), 0.02 * t + 0.006 * t**2], axis=-1)

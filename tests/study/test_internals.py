@@ -82,8 +82,7 @@ def test_the_picture_of_the_modes_has_the_frequencies_of_the_table():
 
 
 @pytest.mark.parametrize(
-    ("ramps", "start"),
-    [([], 0.0), ([0.0], 0.0), ([2.0, 5.0], 5.0), ([9.0], 9.0), ([9.5], 0.0), ([20.0], 0.0)],
+    ("ramps", "start"), [([], 0.0), ([0.0], 0.0), ([2.0, 5.0], 5.0), ([9.0], 9.0), ([9.5], 0.0), ([20.0], 0.0)]
 )
 def test_too_little_after_a_ramp_is_no_part(ramps, start):
     assert _tension.start_of_statistics(ramps, 10.0) == start

@@ -166,12 +166,7 @@ def test_a_stopped_run_keeps_its_partial_result(unstable, tmp_path):
     np.testing.assert_array_equal(kept.position, stopped.value.partial.position)
 
 
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"time": None}, "time: missing"),
-    ],
-)
+@pytest.mark.parametrize(("change", "match"), [({"time": None}, "time: missing")])
 def test_scenes_are_refused_before_anything_runs(soft, change, match, tmp_path):
     mapping = {key: value for key, value in (soft | change).items() if value is not None}
     with pytest.raises(cp.SceneError, match=match):
