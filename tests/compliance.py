@@ -16,12 +16,7 @@ NO_MEANING = {
     "no place on Earth": ["geospatial_", "Could not find lat", "Could not find lon"],
     "no date": ["time_coverage_start not present", "time_coverage_end not present"],
     NO_TIME: ["time_coverage_duration not present", "time_coverage_resolution not present"],
-    "the program cannot know who uses it": [
-        "creator_",
-        "contributor_",
-        "institution not present",
-        "project not present",
-    ],
+    "the program cannot know who uses it": ["creator_", "contributor_", "institution not present", "project not present"],
     "nobody has published it": ["publisher_", "date_issued", "Attr date_issued", "naming_authority not present"],
     "nobody was asked": ["acknowledgment/acknowledgement not present"],
     "levels, platforms and instruments are those of observations": [
@@ -36,7 +31,7 @@ NO_MEANING = {
     "the keywords are from no controlled list": ["keywords_vocabulary"],
     "nothing more is said elsewhere": ["metadata_link"],
     "the table of standard names has none for a cable": ["standard_name_vocabulary not present", "standard_name"],
-}
+}  # fmt: skip
 HAVE_TIME = ("trajectory", "comparison", "ensemble", "batch")
 
 

@@ -11,14 +11,10 @@ SMALL: dict[str, Any] = {
     "title": "a small mast",
     "mast": {
         "height": 30.0, "bending_stiffness": 4.0e6, "mass": 20.0, "elements": 8, "modes": 3,
-        "load": [
-            {"level": 30.0, "force": [1000.0, 0.0, 400.0], "kind": "ramp", "amplitude": 1.0, "duration": 0.3}
-        ],
+        "load": [{"level": 30.0, "force": [1000.0, 0.0, 400.0], "kind": "ramp", "amplitude": 1.0, "duration": 0.3}],
     },
     "cables": {"guy": {"youngs_modulus": 1.6e11, "area": 3.8e-5, "density": 8000.0, "diameter": 0.008}},
-    "guy": [
-        {"cable": "guy", "level": 28.0, "radius": 20.0, "count": 3, "direction": [1.0, 0.0, 0.0], "top_tension": 5000.0}
-    ],
+    "guy": [{"cable": "guy", "level": 28.0, "radius": 20.0, "count": 3, "direction": [1.0, 0.0, 0.0], "top_tension": 5000.0}],
     "damping": {"mass_proportional": 0.1},
     "time": {"duration": 4.0, "interval": 0.04},
     "chain": {"links": 20},

@@ -112,14 +112,8 @@ def test_damage_is_named(tmp_path):
 
 @pytest.mark.parametrize(
     ("chunks", "block"),  # each of both, and the finest of one with the coarsest of the other
-    [
-        ({}, 64),
-        ({"time": 7}, 1000),
-        ({"time": 7, "particle": 4}, 64),
-        ({"time": 7, "particle": 4}, 1 << 20),
-        ({"time": -1}, 64),
-    ],
-)
+    [({}, 64), ({"time": 7}, 1000), ({"time": 7, "particle": 4}, 64), ({"time": 7, "particle": 4}, 1 << 20), ({"time": -1}, 64)],
+)  # fmt: skip
 @pytest.mark.usefixtures("large_files")
 def test_blocks_are_compared_whatever_is_selected(chunks, block, tmp_path, checksum_block):
     checksum_block(block)

@@ -39,13 +39,7 @@ def test_large_numbers_have_no_exponent():
 
 @pytest.mark.parametrize(
     ("x", "z", "text"),
-    [
-        (3.0, 0.0, "0 deg"),
-        (0.0, 2.0, "90 deg"),
-        (-1.0, -1e-9, "180 deg"),
-        (1.0, -1.0, "315 deg"),
-        (1.0, -1e-9, "0 deg"),
-    ],
-)
+    [(3.0, 0.0, "0 deg"), (0.0, 2.0, "90 deg"), (-1.0, -1e-9, "180 deg"), (1.0, -1.0, "315 deg"), (1.0, -1e-9, "0 deg")],
+)  # fmt: skip
 def test_a_direction_turns_from_x_towards_z(x, z, text):
     assert direction(x, z) == text

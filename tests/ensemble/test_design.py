@@ -170,21 +170,9 @@ MISTAKES = [
     ({}, {"seed": -1}, r"^seed: given -1; allowed: a whole number of at least 0$"),
     ({}, {"sampling": "random"}, r"^sampling: given 'random'; allowed: one of \"latin_hypercube\""),
     ({}, {"sampling": "grid"}, r"^members: given 10; allowed: 9 \(or 16\), because a grid has equally many points"),
-    (
-        {"gravity": [9, 9.4, 9.8]},
-        {"sampling": "grid"},
-        r"^members: given 10; allowed: 12 \(or 27\).*times 3 of its lists$",
-    ),
-    (
-        {"gravity": [9, 9, 9.8]},
-        {"sampling": "grid"},
-        r"^ranges\.gravity: given \[9, 9, 9\.8\]; allowed: different values",
-    ),
-    (
-        {"gravity": [9, 9.8]},
-        {"sampling": "list"},
-        r"^ranges\.cable\.top_tension: given .*; allowed: 10 values for sampling",
-    ),
+    ({"gravity": [9, 9.4, 9.8]}, {"sampling": "grid"}, r"^members: given 10; allowed: 12 \(or 27\).*times 3 of its lists$"),
+    ({"gravity": [9, 9, 9.8]}, {"sampling": "grid"}, r"^ranges\.gravity: given \[9, 9, 9\.8\]; allowed: different values"),
+    ({"gravity": [9, 9.8]}, {"sampling": "list"}, r"^ranges\.cable\.top_tension: given .*; allowed: 10 values for sampling"),
     ({"gravity": [9.8, 9]}, {}, r"^ranges\.gravity: given \[9\.8, 9\]; allowed: \[low, high\] with low < high$"),
     ({"gravity": "all"}, {}, r"^ranges\.gravity: given 'all'; allowed: a list"),
     ({"cable.top_tensio": [1, 2]}, {}, r"^ranges\.cable\.top_tensio: unknown key path; allowed: the path of a number"),
@@ -193,11 +181,7 @@ MISTAKES = [
     ({"ends.upper": [1, 2]}, {}, r"^ranges\.ends\.upper: unknown key path"),
     ({5: [1, 2]}, {}, r"^ranges\.5: unknown key path"),
     ({"motion.upper.y.amplitude": [1, 2]}, {}, r"^ranges\.motion\.upper\.y\.amplitude: unknown key path"),
-    (
-        {"cable.area": [-1, 2]},
-        {},
-        r"^ranges\.cable\.area: given \[-1\.0, 2\.0\], at -1 no scene: cable\.area: given -1\.0;",
-    ),
+    ({"cable.area": [-1, 2]}, {}, r"^ranges\.cable\.area: given \[-1\.0, 2\.0\], at -1 no scene: cable\.area: given -1\.0;"),
     ({"cable.top_tension": [1, 300]}, {}, r"at 1 no scene: cable\.top_tension: given 1\.0; allowed: at least"),
     ({"chain.links": [5, 9]}, {}, r"^ranges\.chain\.links: given \[5, 9\]; allowed: a list of whole numbers"),
     (
@@ -211,38 +195,14 @@ MISTAKES = [
     (COUNTS | {"gravity": [9, 10, 2.5]}, {}, r"^ranges\.gravity: given \[9, 10, 2\.5\]; .* a whole count"),
     (COUNTS | {"gravity": [10, 9, 3]}, {}, r"^ranges\.gravity: given \[10, 9, 3\]; .* with low < high"),
     (COUNTS | {"gravity": [9, "10", 3]}, {}, r"^ranges\.gravity\[1\]: given '10'; allowed: a finite number"),
-    (
-        COUNTS | {"gravity": [9, 10, 10**7]},
-        {"members": None},
-        r"^members: given 200000000; allowed: .* at most 10000000",
-    ),
+    (COUNTS | {"gravity": [9, 10, 10**7]}, {"members": None}, r"^members: given 200000000; allowed: .* at most 10000000"),
     (COUNTS | {"cable.area": [-1, 2, 4]}, {"members": None}, r"^ranges\.cable\.area: given .*, at -1 no scene: "),
-    (
-        COUNTS | {"chain.links": [4, 8, 4]},
-        {"members": None},
-        r"^ranges\.chain\.links: given .*; allowed: .*whole numbers",
-    ),
-    (
-        COUNTS | {"ends.upper": [1, 2, 3]},
-        {"members": None},
-        r"^ranges\.ends\.upper: unknown .*; try: ends\.upper\.x or",
-    ),
-    (
-        COUNTS,
-        {"sampling": "sobol"},
-        r'^ranges\.cable\.top_tension: given .*; allowed: \[low, high\] for sampling "sobol"; \[',
-    ),
-    (
-        COUNTS,
-        {"sampling": "grid"},
-        r"^ranges\.cable\.top_tension: given .*; allowed: rising values; \[low, high, count\]",
-    ),
-    (
-        {"gravity": [9, 9.2, 9.4, 9.8]},
-        {},
-        r'^ranges\.gravity: given .*; lists of values need sampling "grid" or "list"$',
-    ),
-]
+    (COUNTS | {"chain.links": [4, 8, 4]}, {"members": None}, r"^ranges\.chain\.links: given .*; allowed: .*whole numbers"),
+    (COUNTS | {"ends.upper": [1, 2, 3]}, {"members": None}, r"^ranges\.ends\.upper: unknown .*; try: ends\.upper\.x or"),
+    (COUNTS, {"sampling": "sobol"}, r'^ranges\.cable\.top_tension: given .*; allowed: \[low, high\] for sampling "sobol"; \['),
+    (COUNTS, {"sampling": "grid"}, r"^ranges\.cable\.top_tension: given .*; allowed: rising values; \[low, high, count\]"),
+    ({"gravity": [9, 9.2, 9.4, 9.8]}, {}, r'^ranges\.gravity: given .*; lists of values need sampling "grid" or "list"$'),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("ranges", "options", "match"), MISTAKES, ids=[item[2][:30] for item in MISTAKES])

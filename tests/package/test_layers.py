@@ -315,32 +315,16 @@ def test_a_forwarded_name_is_no_violation(package):
     [
         (upward_imports, {"parameters/_keys.py": "import cablepod.chain\n"}, ["_keys.py:1: parameters imports chain"]),
         (upward_imports, {"parameters/_keys.py": "from cablepod import chain\n"}, [":1: parameters imports chain"]),
-        (
-            upward_imports,
-            {"parameters/_keys.py": "def f():\n    from cablepod.chain import x\n"},
-            [":2: parameters imp"],
-        ),
+        (upward_imports, {"parameters/_keys.py": "def f():\n    from cablepod.chain import x\n"}, [":2: parameters imp"]),
         (upward_imports, {"parameters/_keys.py": "import_module('cablepod.chain')\n"}, ["parameters imports chain"]),
-        (
-            upward_imports,
-            {"compare.py": "from cablepod.chain import simulate\n"},
-            ["compare imports chain"],
-        ),  # same level
-        (
-            upward_imports,
-            {"conventions.py": "from cablepod import errors\n", "errors.py": ""},
-            ["conventions imports errors"],
-        ),
+        (upward_imports, {"compare.py": "from cablepod.chain import simulate\n"}, ["compare imports chain"]),  # same level
+        (upward_imports, {"conventions.py": "from cablepod import errors\n", "errors.py": ""}, ["conventions imports errors"]),
         (upward_imports, {"compare.py": "from cablepod import __version__\n"}, ["compare imports __init__"]),
         (upward_imports, {"compare.py": "import cablepod as cp\n"}, ["compare imports __init__"]),
         (upward_imports, {"utils.py": ""}, ["utils: has no level"]),
         (upward_imports, {"cli/__init__.py": "from cablepod import lineage\n"}, ["cli imports lineage"]),
         (upward_imports, {"lineage.py": "from cablepod import chain\n"}, ["lineage imports chain"]),
-        (
-            uses_of_the_archive,
-            {"plots/_maps.py": "def f():\n    from cablepod.archive import read\n"},
-            ["plots imports"],
-        ),
+        (uses_of_the_archive, {"plots/_maps.py": "def f():\n    from cablepod.archive import read\n"}, ["plots imports"]),
         (
             uses_of_the_archive,
             {
@@ -366,18 +350,10 @@ def test_a_forwarded_name_is_no_violation(package):
             {"catenary/__init__.py": "def f():\n    import_module('cablepod.cable._mesh')\n"},
             ["catenary imports cable"],
         ),
-        (
-            imports_in_kernels,
-            {"chain/_kernels.py": "from cablepod.chain import _simulate\n"},
-            ["cablepod.chain._simulate"],
-        ),
+        (imports_in_kernels, {"chain/_kernels.py": "from cablepod.chain import _simulate\n"}, ["cablepod.chain._simulate"]),
         (imports_in_kernels, {"chain/_kernels.py": "from cablepod import conventions\n"}, ["cablepod.conventions"]),
         (relative_imports, {"chain/_simulate.py": "from . import _kernels\n"}, ["_simulate.py:1: relative import"]),
-        (
-            relative_imports,
-            {"chain/_simulate.py": "def f():\n    from ..chain import x\n"},
-            ["_simulate.py:2: relative"],
-        ),
+        (relative_imports, {"chain/_simulate.py": "def f():\n    from ..chain import x\n"}, ["_simulate.py:2: relative"]),
         (
             import_cycles,
             {"chain/_kernels_links.py": "from cablepod.chain import _kernels\n"},
@@ -388,26 +364,14 @@ def test_a_forwarded_name_is_no_violation(package):
             {"parameters/_keys.py": "from cablepod.chain import _kernels_links\n"},
             ["cablepod.chain, cablepod.chain._kernels, cablepod.chain._simulate, cablepod.parameters"],
         ),
-        (
-            import_cycles,
-            {"chain/_simulate.py": "from cablepod.chain import simulate\n"},
-            ["cablepod.chain, cablepod.chain."],
-        ),
+        (import_cycles, {"chain/_simulate.py": "from cablepod.chain import simulate\n"}, ["cablepod.chain, cablepod.chain."]),
         (import_cycles, {"conventions.py": "from cablepod import x\n"}, ["cycle: cablepod, cablepod.chain"]),
-        (
-            import_cycles,
-            {"conventions.py": "if True:\n    import cablepod.conventions\n"},
-            ["cycle: cablepod.conventions"],
-        ),
+        (import_cycles, {"conventions.py": "if True:\n    import cablepod.conventions\n"}, ["cycle: cablepod.conventions"]),
         (crowded_top, {f"more{i}.py": "" for i in range(8)}, ["13 modules, at most 12: __init__, __main__, _jit"]),
-        (
-            long_files,
-            {"conventions.py": "x = 1\n" * 401},
-            ["conventions.py: 401 lines of code, 401 in all; at most 400"],
-        ),
+        (long_files, {"conventions.py": "x = 1\n" * 401}, ["conventions.py: 401 lines of code, 401 in all; at most 400"]),
         (long_files, {"conventions.py": "# of no use\n" * 451}, ["conventions.py: 0 lines of code, 451 in all"]),
     ],
-)
+)  # fmt: skip
 def test_a_violation_is_found(package, check, files, found):
     said = check(package(files))
     assert len(said) == len(found), said

@@ -148,14 +148,8 @@ def test_a_scene_is_the_same_in_both_forms(form):
     ("given", "match"),
     [
         ({"cable.area": 2e-4}, r"^cable\.area: given in two forms, 0\.0001 and 0\.0002; allowed: one$"),
-        (
-            {"cable_area": 2e-4},
-            r"^cable_area: unknown key or table; allowed: .* key paths with points; try: cable\.area$",
-        ),
-        (
-            {"motion_upper_x_phase": 0.1},
-            r"^motion_upper_x_phase: unknown key or table; .*; try: motion\.upper\.x\.phase$",
-        ),
+        ({"cable_area": 2e-4}, r"^cable_area: unknown key or table; allowed: .* key paths with points; try: cable\.area$"),
+        ({"motion_upper_x_phase": 0.1}, r"^motion_upper_x_phase: unknown key or table; .*; try: motion\.upper\.x\.phase$"),
         ({"ends_upper_x": 7.0}, r"^ends_upper_x: unknown key or table; .*; try: ends\.upper\.x$"),
         ({"cable.area.x": 2e-4}, r"^cable\.area\.x: given beside 0\.0001; allowed: a table"),
         ({"cable.aera": 2e-4}, r"^cable\.aera: unknown key; .*; try: cable\.area$"),
@@ -163,7 +157,7 @@ def test_a_scene_is_the_same_in_both_forms(form):
         ({"ends.upper.z": 2.0}, r"^ends\.upper\.z: unknown key path"),
         ({"point_load.4.force": [0.0, 1.0]}, r"^point_load\.4\.force: unknown key path"),
     ],
-)
+)  # fmt: skip
 def test_forms_that_contradict_each_other_are_refused(given, match):
     with pytest.raises(cp.SceneError, match=match):
         cp.make_scene({**TREE, **given})

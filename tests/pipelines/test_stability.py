@@ -172,16 +172,12 @@ def test_a_sound_run_is_accurate(pipeline, plucked):
     [
         ("position", lambda x: np.where(x == x.max(), np.nan, x), "broken"),
         ("tension_maximum", lambda x: np.inf * x, "broken"),
-        (
-            "position",
-            lambda x: x[0] + 20.0 * (x - x[0]),
-            "broken",
-        ),  # finite garbage: the links hold what nothing explains
+        ("position", lambda x: x[0] + 20.0 * (x - x[0]), "broken"),  # finite garbage: the links hold what nothing explains
         ("velocity", lambda v: 1e3 * v, "broken"),
         ("position", lambda x: x[0] + 1.03 * (x - x[0]), "inaccurate"),  # three hundredths of the motion
     ],
     ids=["nan", "infinite", "garbage", "fast", "wrong"],
-)
+)  # fmt: skip
 def test_doctored_runs_are_noticed(pipeline, plucked, name, change, outcome):
     case, scene, truth, run = plucked
     assert pipeline["judge"].judge(case, scene, truth, lambda: doctored(run, name, change)).outcome == outcome

@@ -364,10 +364,7 @@ def test_given_axes_are_used_and_new_ones_can_be_drawn(name):
         (lambda: plots.phase_portraits(pulled(), at=[1.2]), r"at: given \[1.2\]; allowed: one to 6 places from 0 to 1"),
         (lambda: plots.phase_portraits(pulled(), at=[0.1] * 7), "at: given .*one to 6 places"),
         (lambda: plots.phase_portraits(pulled(), coordinate="z"), 'coordinate: given \'z\'; allowed: one of "x", "y"'),
-        (
-            lambda: plots.parameter_map({}, "a", x="b", y="c"),
-            "result: given a dict; allowed: results with the variable",
-        ),
+        (lambda: plots.parameter_map({}, "a", x="b", y="c"), "result: given a dict; allowed: results with the variable"),
         (
             lambda: plots.parameter_map(third_parameter(), "peak", x="omega", y="size"),
             r"result: given '2 members at omega = 1, size = 10'; allowed: one a pair; one map for each value of depth, "
@@ -383,18 +380,12 @@ def test_given_axes_are_used_and_new_ones_can_be_drawn(name):
             lambda: plots.parameter_map(pulled().assign(peak=("time", TIME)), "tension", x="peak", y="time"),
             "variable: given tension .*allowed: one number for each pair",
         ),
-        (
-            lambda: plots.error_against_run_time(members()),
-            "result: given a Dataset without error_max; allowed: what pip",
-        ),
+        (lambda: plots.error_against_run_time(members()), "result: given a Dataset without error_max; allowed: what pip"),
         (lambda: plots.error_against_run_time(settings()), 'scene: given None; allowed: one of "guy", "flat"'),
-        (
-            lambda: plots.error_against_run_time(settings(), time="t"),
-            "time: given 't'; allowed: one of \"kernel_time\"",
-        ),
+        (lambda: plots.error_against_run_time(settings(), time="t"), "time: given 't'; allowed: one of \"kernel_time\""),
         (lambda: plots.stability(members()), "result: given a Dataset without outcome; allowed: what pipelines/stab"),
     ],
-)
+)  # fmt: skip
 def test_wrong_input_is_refused_before_a_figure_is_made(draw, message):
     with pytest.raises(SceneError, match=message):
         draw()

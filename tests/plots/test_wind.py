@@ -118,22 +118,16 @@ WRONG = {
     "no series": (lambda: plots.spectra(3, SINE), "^response: given 'int'; allowed: a DataArray"),
     "Dataset": (lambda: plots.spectra(SINE, SINE.to_dataset()), "^forcing: given 'Dataset'; allowed: a DataArray"),
     "two dimensions": (lambda: plots.spectra(SINE.expand_dims(link=2), SINE), "^response: given "),
-    "uneven": (
-        lambda: plots.spectra(SINE[[0, 1, *range(3, 99)]], SINE),
-        "^response: given instants at unequal intervals",
-    ),
+    "uneven": (lambda: plots.spectra(SINE[[0, 1, *range(3, 99)]], SINE), "^response: given instants at unequal intervals"),
     "falling": (lambda: plots.spectra(SINE[::-1], SINE), "^response: given instants that do not rise"),
     "nan": (lambda: plots.spectra(series(np.nan * TIME), SINE), "^response: given values that are not finite"),
     "constant": (lambda: plots.spectra(SINE, series(0.0 * TIME + 3.0)), "^forcing: given a constant series"),
     "segments": (lambda: plots.spectra(SINE, SINE, segments=1000), "^segments: given 1000; allowed: at most 499"),
     "no segments": (lambda: plots.spectra(SINE, SINE, segments=0), "^segments: given 0"),
-    "other cycles": (
-        lambda: plots.tension_cycles(SINE, cp.fatigue.ranges(2.0 * SINE)),
-        "^cycles: given those of another series",
-    ),
+    "other cycles": (lambda: plots.tension_cycles(SINE, cp.fatigue.ranges(2.0 * SINE)), "^cycles: given those of another series"),
     "no cycles": (lambda: plots.tension_cycles(SINE, field()), "^cycles: given a Dataset without cycle_range"),
     "count": (lambda: plots.tension_cycles(SINE, cp.fatigue.ranges(SINE), count=0), "^count: given 0"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -23,16 +23,12 @@ CHANGES = [
     ("cable_area", 1e-40, r"cable.area: given 1e-40; allowed: a finite number above 0, of a size from 1e-30"),
     ("cable_youngs_modulus", np.inf, "scene: cable_youngs_modulus: given 'values that are not finite'"),
     ("cable_top_tension", -1.0, r"cable.top_tension: given -1.0; allowed: a finite number above 0"),
-    (
-        "cable_youngs_modulus",
-        1e30,
-        "cable.youngs_modulus: given 1e[+]30; allowed: an axial stiffness of 1e-6 to 1e18 N",
-    ),
+    ("cable_youngs_modulus", 1e30, "cable.youngs_modulus: given 1e[+]30; allowed: an axial stiffness of 1e-6 to 1e18 N"),
     ("time_interval", 0.0, r"time.interval: given 0.0; allowed: a finite number above 0"),
     ("motion_upper_x_angular_frequency", -1.0, r"motion.upper.x.angular_frequency: given -1.0; allowed:"),
     ("motion_upper_x_amplitude", np.nan, r"scene: motion_upper_x_amplitude: given nan; allowed: a finite number"),
     ("motion_upper_x_kind", "circle", r"motion.upper.x.kind: given 'circle'; allowed: one of"),
-]
+]  # fmt: skip
 
 
 def altered(scene: xr.Dataset, name: str, value: float | str) -> xr.Dataset:

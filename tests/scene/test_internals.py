@@ -17,19 +17,11 @@ from cablepod.scene import _warnings
 from cablepod.scene._warnings import warn_of_unusual, warn_once
 
 BASE: dict[str, Any] = {
-    "cable": {
-        **{
-            "youngs_modulus": 1.6e11,
-            "area": 1.25e-4,
-            "density": 8000.0,
-            "unstretched_length": 61.156,
-            "diameter": 0.014,
-        }
-    },
+    "cable": {**{"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "unstretched_length": 61.156, "diameter": 0.014}},
     "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
     "chain": {"links": 10},
     "time": {"duration": 1.0, "interval": 0.1},
-}
+}  # fmt: skip
 MASS = {"arc_length": 0.5, "mass": 60.0}
 
 

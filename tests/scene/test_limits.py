@@ -11,10 +11,7 @@ from scene_files import put, refused
 import cablepod as cp
 
 ABSURD = {
-    "a modulus in GPa": (
-        {"cable.youngs_modulus": 20.0},
-        r"cable\.youngs_modulus: .* 0\.02 N, .* by 1e\+04; allowed: .* Pa",
-    ),
+    "a modulus in GPa": ({"cable.youngs_modulus": 20.0}, r"cable\.youngs_modulus: .* 0\.02 N, .* by 1e\+04; allowed: .* Pa"),
     "a short cable": (
         {"cable.top_tension": None, "cable.unstretched_length": 0.9},
         r"cable\.youngs_modulus: .* with unstretched_length = 0\.9 is strained by 10\.1; allowed: a strain of at most 10",
@@ -44,14 +41,7 @@ ABSURD = {
         r"load\.uniform: given loads of 5\.1\d+e\+05 N in all at their largest; .* is 12\.\d+ or more",
     ),
     "a load that comes and goes": (
-        {
-            "load": {
-                "uniform": [0.0, -1e5],
-                "kind": "one_minus_cosine",
-                "amplitude": 1.0,
-                "angular_frequency": 50.0 * math.pi,
-            }
-        },
+        {"load": {"uniform": [0.0, -1e5], "kind": "one_minus_cosine", "amplitude": 1.0, "angular_frequency": 50.0 * math.pi}},
         r"load\.uniform: given loads of 2\.0\d+e\+06 N in all at their largest",
     ),
     "a free end that is pulled": (
@@ -63,7 +53,7 @@ ABSURD = {
         },
         r"point_load\.1\.force: given loads of 2\.1e\+05 N .* is 10\.5 or more",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ABSURD)

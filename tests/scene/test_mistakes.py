@@ -25,16 +25,8 @@ def nested(depth: int) -> Any:
 
 MISTAKES = [
     # unknown and missing keys and tables
-    (
-        "cables",
-        {},
-        r"^cables: unknown key or table; allowed: title, gravity, temperature, .*, cable, ends, .*; try: cable$",
-    ),
-    (
-        "cable.aera",
-        1.0,
-        r"^cable\.aera: unknown key; allowed: youngs_modulus, axial_stiffness, area, specific_weight, .*",
-    ),
+    ("cables", {}, r"^cables: unknown key or table; allowed: title, gravity, temperature, .*, cable, ends, .*; try: cable$"),
+    ("cable.aera", 1.0, r"^cable\.aera: unknown key; allowed: youngs_modulus, axial_stiffness, area, specific_weight, .*"),
     ("ends.left", [0, 0], r"^ends\.left: unknown key; allowed: lower, upper, chord, inclination, free$"),
     ("time.step", 1.0, r"^time\.step: unknown key; allowed: duration, interval$"),
     ("chain.elements", 5, r"^chain\.elements: unknown key; allowed: links, link_lengths, masses, stiffness$"),
@@ -45,11 +37,7 @@ MISTAKES = [
     ),
     ("motion.top", {}, r"^motion\.top: unknown key; allowed: lower, upper$"),
     ("motion.upper.z", RAMP, r"^motion\.upper\.z: unknown axis; allowed: x, y$"),
-    (
-        "motion.upper.x.phase",
-        1.0,
-        r"^motion\.upper\.x\.phase: unknown key; allowed: amplitude, angular_frequency, ramp$",
-    ),
+    ("motion.upper.x.phase", 1.0, r"^motion\.upper\.x\.phase: unknown key; allowed: amplitude, angular_frequency, ramp$"),
     ("load", {"uniform": [0, 0], "up": 1}, r"^load\.up: unknown key; allowed: uniform, kind \(of a time factor\)$"),
     ("load", {"uniform": [0, 0], "phase": 1}, r"^load\.kind: missing; allowed: one of one_minus_cosine, .*file$"),
     ("cable", None, r"^cable: missing; allowed: a table with the keys youngs_modulus, "),
@@ -60,11 +48,7 @@ MISTAKES = [
         r"^cable\.area: missing; allowed: area of the unstrained cross-section \[m2\], or cable\.axial_stiffness in place of "
         r"youngs_modulus and cable\.mass_per_length in place of density$",
     ),
-    (
-        "cable.youngs_modulus",
-        None,
-        r"^cable\.youngs_modulus: missing; allowed: Young's modulus \[Pa\], or cable\.axial_",
-    ),
+    ("cable.youngs_modulus", None, r"^cable\.youngs_modulus: missing; allowed: Young's modulus \[Pa\], or cable\.axial_"),
     (
         "ends.upper",
         None,
@@ -88,11 +72,7 @@ MISTAKES = [
     # signs and sizes
     ("cable.youngs_modulus", -2e7, r"^cable\.youngs_modulus: given -20000000\.0; allowed: a finite number above 0$"),
     ("cable.youngs_modulus", 0, r"^cable\.youngs_modulus: given 0; allowed: a finite number above 0$"),
-    (
-        "cable.youngs_modulus",
-        1e25,
-        r"^cable\.youngs_modulus: given 1e\+25; allowed: an axial stiffness of 1e-6 to 1e18",
-    ),
+    ("cable.youngs_modulus", 1e25, r"^cable\.youngs_modulus: given 1e\+25; allowed: an axial stiffness of 1e-6 to 1e18"),
     ("cable.youngs_modulus", 1e-5, r"^cable\.youngs_modulus: given 1e-05; allowed: an axial stiffness of 1e-6 to 1e18"),
     ("cable.area", 0.0, r"^cable\.area: given 0\.0; allowed: a finite number above 0$"),
     ("cable.area", -1.0, r"^cable\.area: given -1\.0; allowed: a finite number above 0$"),
@@ -109,11 +89,7 @@ MISTAKES = [
     ("chain.link_lengths", [1.0, 0.0], r"^chain\.link_lengths\[1\]: given 0\.0; allowed: a finite number above 0$"),
     ("chain.link_lengths", [1.0, 2.0], r"^chain\.link_lengths: given \[1\.0, 2\.0\]; allowed: 8 numbers, as many as"),
     ("chain", {"link_lengths": [1.0, 2e6]}, r"^chain\.link_lengths: .*differ by a factor of at most 1e6$"),
-    (
-        "chain.link_lengths",
-        [1.0],
-        r"^chain\.link_lengths: given \[1\.0\]; allowed: a list of at least 2 finite numbers$",
-    ),
+    ("chain.link_lengths", [1.0], r"^chain\.link_lengths: given \[1\.0\]; allowed: a list of at least 2 finite numbers$"),
     ("damping.link_viscosity", -1.0, r"^damping\.link_viscosity: given -1\.0; allowed: a finite number of at least 0$"),
     ("motion.upper.x.angular_frequency", -1, r"^motion\.upper\.x\.angular_frequency: given -1; allowed: .* least 0$"),
     ("motion.upper.x", {**RAMP, "duration": 0}, r"^motion\.upper\.x\.duration: given 0; allowed: .* above 0$"),
@@ -132,11 +108,7 @@ MISTAKES = [
     ("cable.area", {}, r"^cable\.area: given \{\}; allowed: a finite number above 0$"),
     ("cable.area", BIG, r"^cable\.area: given 1000\d+\.\.\.; allowed: a finite number above 0$"),
     ("cable.area", fractions.Fraction(BIG, 3), r"^cable\.area: given Fraction.*; allowed: a finite number above 0$"),
-    (
-        "cable.area",
-        BEYOND,
-        r"^cable\.area: given something of type int that cannot be shown; allowed: a finite number above 0$",
-    ),
+    ("cable.area", BEYOND, r"^cable\.area: given something of type int that cannot be shown; allowed: a finite number above 0$"),
     (
         "chain.links",
         BEYOND,
@@ -150,11 +122,7 @@ MISTAKES = [
     ("chain.links", True, r"^chain\.links: given True; allowed: a whole number of at least 2$"),
     ("chain.links", "8", r"^chain\.links: given '8'; allowed: a whole number of at least 2$"),
     ("gravity", -BIG, r"^gravity: given -1000\d+\.\.\.; allowed: a finite number of at least 0$"),
-    (
-        "gravity",
-        1e31,
-        r"^gravity: given 1e\+31; allowed: a finite number of at least 0, of a size from 1e-30 to 1e\+30$",
-    ),
+    ("gravity", 1e31, r"^gravity: given 1e\+31; allowed: a finite number of at least 0, of a size from 1e-30 to 1e\+30$"),
     ("ends.upper", [1.0, float("nan")], r"^ends\.upper\[1\]: given nan; allowed: a finite number$"),
     ("ends.upper", ["8", "6"], r"^ends\.upper\[0\]: given '8'; allowed: a finite number$"),
     ("ends.upper", [True, 6.0], r"^ends\.upper\[0\]: given True; allowed: a finite number$"),
@@ -181,17 +149,9 @@ MISTAKES = [
     ),
     ("ends.free", "top", r'^ends\.free: given \'top\'; allowed: one of "lower", "upper"$'),
     ("ends.free", ["upper"], r'^ends\.free: given \[\'upper\'\]; allowed: one of "lower", "upper"$'),
-    (
-        "ends.free",
-        "upper",
-        r"^motion\.upper: given one along x; allowed: no motion of the end that ends\.free names \(upper\)$",
-    ),
+    ("ends.free", "upper", r"^motion\.upper: given one along x; allowed: no motion of the end that ends\.free names \(upper\)$"),
     # tensions that no cable has
-    (
-        "cable.top_tension",
-        10.0,
-        r"^cable\.top_tension: given 10\.0; allowed: at least \d+\.\d+ N, the minimum over all lengths",
-    ),
+    ("cable.top_tension", 10.0, r"^cable\.top_tension: given 10\.0; allowed: at least \d+\.\d+ N, the minimum over all lengths"),
     (
         "initial.top_tension",
         10.0,
@@ -215,76 +175,36 @@ MISTAKES = [
     ("load", {"uniform": 9.81}, r"^load\.uniform: given 9\.81; allowed: a list of two or three finite numbers$"),
     ("load", {"uniform": [0, 0], "kind": "x"}, r'^load\.kind: given \'x\'; allowed: one of "one_minus_cosine"'),
     ("point_load", [LOAD, {**LOAD, "force": [1, 2, 3]}], r"^point_load\.2\.force: given .*; allowed: 2 numbers"),
-    (
-        "point_load",
-        [{**LOAD, "arc_length": 1.5}],
-        r"^point_load\.1\.arc_length: given 1\.5; .* least 0 and of at most 1$",
-    ),
-    (
-        "point_load",
-        [{**LOAD, "arc_length": -0.1}],
-        r"^point_load\.1\.arc_length: given -0\.1; allowed: a finite number",
-    ),
-    (
-        "point_load",
-        [{"force": [0, 1]}],
-        r"^point_load\.1\.arc_length: missing; allowed: place of the load as a fraction",
-    ),
+    ("point_load", [{**LOAD, "arc_length": 1.5}], r"^point_load\.1\.arc_length: given 1\.5; .* least 0 and of at most 1$"),
+    ("point_load", [{**LOAD, "arc_length": -0.1}], r"^point_load\.1\.arc_length: given -0\.1; allowed: a finite number"),
+    ("point_load", [{"force": [0, 1]}], r"^point_load\.1\.arc_length: missing; allowed: place of the load as a fraction"),
     ("point_load", [{**LOAD, "at": 1}], r"^point_load\.1\.at: unknown key; allowed: arc_length, force, kind"),
     ("point_load", [{**LOAD, "kind": "ramp"}], r"^point_load\.1\.amplitude: missing; allowed: amplitude \[1\]$"),
     # the start
-    (
-        "initial",
-        {},
-        r"^initial: given an empty table; allowed: one with some of top_tension, unstretched_length, points$",
-    ),
-    (
-        "initial",
-        {"top_tension": 1, "unstretched_length": 1},
-        r"^initial: given top_tension = 1\.0 and unstretched_length",
-    ),
+    ("initial", {}, r"^initial: given an empty table; allowed: one with some of top_tension, unstretched_length, points$"),
+    ("initial", {"top_tension": 1, "unstretched_length": 1}, r"^initial: given top_tension = 1\.0 and unstretched_length"),
     ("initial.points", [[0, 0]], r"^initial\.points: given \[\[0, 0\]\]; allowed: a list of at least two points$"),
     ("initial.points", [[0, 0], [8]], r"^initial\.points\[1\]: given \[8\]; allowed: a list of two or three finite"),
     ("initial.points", [[0, 0], 8], r"^initial\.points\[1\]: given 8; allowed: a list of two or three finite"),
     ("initial.points", [[0, 0, 0], [8, 6, 0]], r"^initial\.points\[0\]: given 3 numbers; allowed: 2 numbers, for x, y"),
-    (
-        "initial.points",
-        [[0, 0], [8, 6.1]],
-        r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that begins and ends",
-    ),
-    (
-        "initial",
-        {"points": [[0, 0], [8, 6], [8, 6.1]]},
-        r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that",
-    ),
+    ("initial.points", [[0, 0], [8, 6.1]], r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that begins and ends"),
+    ("initial", {"points": [[0, 0], [8, 6], [8, 6.1]]}, r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that"),
     ("initial.points", np.array(1.0), r"^initial\.points: given array\(1\.\); allowed: a list of at least two points$"),
-    (
-        "initial.points",
-        [[0, 0], [1e30, -1e30], [8, 6.1]],
-        r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that",
-    ),
+    ("initial.points", [[0, 0], [1e30, -1e30], [8, 6.1]], r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that"),
     # ensembles
     ("ensemble", 5, r"^ensemble: given 5; allowed: a table with the keys members, seed, sampling, ranges$"),
     ("ensemble", {"ranges": {"gravity": [1, 2]}}, r"^ensemble\.members: missing; allowed: number of members \[1\]$"),
     ("ensemble", {"members": 3}, r"^ensemble\.ranges: given None; allowed: a mapping from key paths to \[low, high\]$"),
     ("ensemble", {"members": 3, "ranges": {}}, r"^ensemble\.ranges: given \{\}; allowed: a mapping from key paths"),
     ("ensemble", {"members": 3, "ranges": []}, r"^ensemble\.ranges: given \[\]; allowed: a mapping from key paths"),
-    (
-        "ensemble.member",
-        5,
-        r"^ensemble\.member: unknown key; allowed: members, seed, sampling, ranges; try: ensemble\.members$",
-    ),
+    ("ensemble.member", 5, r"^ensemble\.member: unknown key; allowed: members, seed, sampling, ranges; try: ensemble\.members$"),
     ("ensemble", {"members": 0}, r"^ensemble\.members: given 0; allowed: a whole number of at least 1$"),
     ("ensemble", {"members": True}, r"^ensemble\.members: given True; allowed: a whole number of at least 1$"),
-    (
-        "ensemble",
-        {"members": np.bool_(True)},
-        r"^ensemble\.members: given True; allowed: a whole number of at least 1$",
-    ),
+    ("ensemble", {"members": np.bool_(True)}, r"^ensemble\.members: given True; allowed: a whole number of at least 1$"),
     ("ensemble", {"members": 10**9}, r"^ensemble\.members: given 1000000000; allowed: .* at most 10000000$"),
     ("ensemble", {"members": 3, "seed": -1}, r"^ensemble\.seed: given -1; allowed: a whole number of at least 0$"),
     ("ensemble", {"members": 3, "sampling": "random"}, r'^ensemble\.sampling: given \'random\'; .*"sobol", "grid"$'),
-]
+]  # fmt: skip
 RANGES = [
     ({"cable.tension": [1, 2]}, r"^ensemble\.ranges\.cable\.tension: unknown key path; allowed: the path of a number"),
     ({"cable": [1, 2]}, r"^ensemble\.ranges\.cable: unknown key path"),
@@ -294,10 +214,7 @@ RANGES = [
     ({"ensemble.members": [1, 2]}, r"^ensemble\.ranges\.ensemble\.members: unknown key path"),
     ({"gravity": [2, 1]}, r"^ensemble\.ranges\.gravity: given \[2, 1\]; allowed: \[low, high\] with low < high$"),
     ({"gravity": [1, 1]}, r"^ensemble\.ranges\.gravity: given \[1, 1\]; allowed: \[low, high\] with low < high$"),
-    (
-        {"gravity": [1, 2, 2.5]},
-        r"^ensemble\.ranges\.gravity: given \[1, 2, 2\.5\]; allowed: \[low, high, count\] with low",
-    ),
+    ({"gravity": [1, 2, 2.5]}, r"^ensemble\.ranges\.gravity: given \[1, 2, 2\.5\]; allowed: \[low, high, count\] with low"),
     ({"gravity": [1, 2, 1]}, r"^ensemble\.ranges\.gravity: given \[1, 2, 1\]; .* a whole count of at least 2$"),
     ({"gravity": [2, 1, 3]}, r"^ensemble\.ranges\.gravity: given \[2, 1, 3\]; allowed: .* with low < high"),
     ({"gravity": [1, 2, 4]}, r"^ensemble\.members: given 3; allowed: 4, the product of the counts 4, or none given$"),
@@ -307,16 +224,10 @@ RANGES = [
         {"gravity": [1, 2, 3], "cable.top_tension": [200, 300]},
         r"^ensemble\.ranges\.cable\.top_tension: .*; allowed: \[low, high, count\], as ensemble\.ranges\.gravity has a count$",
     ),
-    (
-        {"ends.upper": [1, 2, 3]},
-        r"^ensemble\.ranges\.ends\.upper: unknown key path; .*; try: ends\.upper\.x or ends\.upper\.y$",
-    ),
+    ({"ends.upper": [1, 2, 3]}, r"^ensemble\.ranges\.ends\.upper: unknown key path; .*; try: ends\.upper\.x or ends\.upper\.y$"),
     ({"gravity": 1.0}, r"^ensemble\.ranges\.gravity: given 1\.0; allowed: a list of at least 2 finite numbers$"),
     ({"gravity": ["1", 2]}, r"^ensemble\.ranges\.gravity\[0\]: given '1'; allowed: a finite number$"),
-    (
-        {"gravity": [-1, 2]},
-        r"^ensemble\.ranges\.gravity: given \[-1\.0, 2\.0\], at -1 no scene: gravity: given -1\.0; ",
-    ),
+    ({"gravity": [-1, 2]}, r"^ensemble\.ranges\.gravity: given \[-1\.0, 2\.0\], at -1 no scene: gravity: given -1\.0; "),
     (
         {"cable.top_tension": [10, 300]},
         r"^ensemble\.ranges\.cable\.top_tension: given \[10\.0, 300\.0\], at 10 no scene: cable\.top_tension: given 10\.0; "
@@ -324,7 +235,7 @@ RANGES = [
     ),
     ({"time.interval": [1, 5]}, r"at 5 no scene: time\.interval: given 5\.0; allowed: at most time\.duration, 4 s$"),
     ({"chain.links": [5, 9]}, r"chain\.links: given \[5, 9\]; allowed: a list of whole numbers, by sampling"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(

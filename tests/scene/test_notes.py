@@ -152,15 +152,11 @@ def test_a_diameter_that_the_area_contradicts_is_noted_with_its_unit(ice, factor
     ("temperatures", "key", "asked"),
     [
         ({"temperature": 268.0}, "temperature", "kelvins? 268 K are -5.15 degC"),
-        (
-            {"temperature": -5.0, "reference_temperature": 293.15},
-            "reference_temperature",
-            "kelvins? 293.15 K are 20 degC",
-        ),
+        ({"temperature": -5.0, "reference_temperature": 293.15}, "reference_temperature", "kelvins? 293.15 K are 20 degC"),
         ({"temperature": 268.0, "reference_temperature": 293.15}, "temperature", "kelvins? 268 K are -5.15 degC"),
         ({"temperature": 125.0}, "temperature", "105 K from the reference temperature of 20 degC"),
     ],
-)
+)  # fmt: skip
 def test_temperatures_in_kelvins_are_noted(temperatures, key, asked):
     mapping = guy(thermal_expansion=1.2e-5) | temperatures
     ((found, text),) = notes(mapping)

@@ -154,14 +154,8 @@ FILES = {
     "binary": (b"\x93NUMPY\xff\x00", r"binary or not UTF-8; allowed: a scene file in text form$"),
     "netCDF": (b"\x89HDF\r\n\x1a\n" + bytes(range(256)), r"binary or not UTF-8; allowed: a scene file in text form$"),
     "nul": (b"\x00" * 999, r"not a TOML file: "),
-    "not TOML": (
-        "cable: {area: 1}\n",
-        r"not a TOML file: .*\(at line 1, column 6\); allowed: TOML, as cablepod new writes$",
-    ),
-    "half": (
-        EVERYTHING[: EVERYTHING.index("lower = [0.0") + 12],
-        r"not a TOML file: .*\(at end of document\); allowed: TOML",
-    ),
+    "not TOML": ("cable: {area: 1}\n", r"not a TOML file: .*\(at line 1, column 6\); allowed: TOML, as cablepod new writes$"),
+    "half": (EVERYTHING[: EVERYTHING.index("lower = [0.0") + 12], r"not a TOML file: .*\(at end of document\); allowed: TOML"),
     "key twice": (
         EVERYTHING.replace("area", "area = 1\narea", 1),
         r"not a TOML file: .*\(at line 7, column \d+\); allowed: TOML",
@@ -183,15 +177,12 @@ FILES = {
         r"not a scene: its tables or values are nested too deeply; allowed: keys of at most four parts$",
     ),
     "endless number": (f"gravity = {'9' * 5000}\n", r"not a TOML file: .*"),
-    "date": (
-        EVERYTHING.replace("9.7", "1979-05-27"),
-        r"gravity: given datetime\.date\(1979, 5, 27\); allowed: a finite",
-    ),
+    "date": (EVERYTHING.replace("9.7", "1979-05-27"), r"gravity: given datetime\.date\(1979, 5, 27\); allowed: a finite"),
     "text": (EVERYTHING.replace("9.7", '"9.7"'), r"gravity: given '9\.7'; allowed: a finite number of at least 0$"),
     "true": (EVERYTHING.replace("9.7", "true"), r"gravity: given True; allowed: a finite number of at least 0$"),
     "nan": (EVERYTHING.replace("9.7", "nan"), r"gravity: given nan; allowed: a finite number of at least 0$"),
     "table for list": (EVERYTHING.replace("[[point_load]]", "[point_load]", 1), r"not a TOML file: "),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -18,24 +18,12 @@ RECORDS = {
     "three rows": (csv([(0, 0), (2, 0), (4, 0)]), r"is too short: 3 rows; allowed: .* at least 4 rows of numbers$"),
     "ends early": (csv(ROWS[:-1]), r"the record is too short, from 0 s to 3\.5 s; .*covers the run, from 0 s to 4 s$"),
     "begins late": (csv(ROWS[1:]), r"the record is too short, from 0\.5 s to 4 s; .*covers the run, from 0 s to 4 s$"),
-    "unsorted": (
-        csv([*ROWS[:3], ROWS[4], ROWS[3], *ROWS[5:]]),
-        r"is unsorted: time 1\.5 s follows 2 s; allowed: rising",
-    ),
+    "unsorted": (csv([*ROWS[:3], ROWS[4], ROWS[3], *ROWS[5:]]), r"is unsorted: time 1\.5 s follows 2 s; allowed: rising"),
     "twice": (csv([*ROWS[:3], *ROWS[2:]]), r"is unsorted: time 1 s follows 1 s; allowed: rising times$"),
     "nearly twice": (csv([*ROWS, (4 + 1e-12, 1)]), r"is unsorted: time 4 s follows 4 s; allowed: rising times$"),
-    "blank cell": (
-        csv([*ROWS[:3], (1.5, ""), *ROWS[4:]]),
-        r"has a gap: row 4 holds '1\.5,'; allowed: two finite numbers$",
-    ),
-    "nan": (
-        csv([*ROWS[:3], (1.5, "nan"), *ROWS[4:]]),
-        r"has a gap: row 4 holds '1\.5,nan'; allowed: two finite numbers$",
-    ),
-    "infinity": (
-        csv([*ROWS[:3], (1.5, "1e999"), *ROWS[4:]]),
-        r"has a gap: row 4 holds '1\.5,1e999'; allowed: two finite",
-    ),
+    "blank cell": (csv([*ROWS[:3], (1.5, ""), *ROWS[4:]]), r"has a gap: row 4 holds '1\.5,'; allowed: two finite numbers$"),
+    "nan": (csv([*ROWS[:3], (1.5, "nan"), *ROWS[4:]]), r"has a gap: row 4 holds '1\.5,nan'; allowed: two finite numbers$"),
+    "infinity": (csv([*ROWS[:3], (1.5, "1e999"), *ROWS[4:]]), r"has a gap: row 4 holds '1\.5,1e999'; allowed: two finite"),
     "huge": (csv([*ROWS[:3], (1.5, "1e300"), *ROWS[4:]]), r"has a gap: row 4 holds '1\.5,1e300'; allowed: two finite"),
     "text": (csv([*ROWS[:3], (1.5, "x"), *ROWS[4:]]), r"has a gap: row 4 holds '1\.5,x'; allowed: two finite numbers$"),
     "short row": (csv([*ROWS[:3], (1.5,), *ROWS[4:]]), r"has a gap: row 4 holds '1\.5'; allowed: two finite numbers$"),
@@ -51,7 +39,7 @@ RECORDS = {
     "no time": (csv(ROWS, "t,value"), r"has the columns 't, value'; allowed: a CSV file with a header"),
     "two times": (csv(ROWS, "time,time"), r"has the columns 'time, time'; allowed: a CSV file with a header"),
     "no header": (csv(ROWS, "0,0"), r"has the columns '0, 0'; allowed: a CSV file with a header"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", RECORDS)

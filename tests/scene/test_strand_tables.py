@@ -92,55 +92,31 @@ def test_guys_of_a_mast_take_it(folder):
 @pytest.mark.parametrize(
     ("table", "cable", "message"),
     [
-        (
-            TABLE,
-            {"strand": "Rope 17"},
-            r'^cable\.strand: given \'Rope 17\'; allowed: one of "Rope 16", .*; try: Rope 16',
-        ),
-        (
-            TABLE,
-            {},
-            r'^cable\.strand: missing beside cable\.strand_table; allowed: one of "Rope 16", "Rope 20, galvanised"$',
-        ),
+        (TABLE, {"strand": "Rope 17"}, r'^cable\.strand: given \'Rope 17\'; allowed: one of "Rope 16", .*; try: Rope 16'),
+        (TABLE, {}, r'^cable\.strand: missing beside cable\.strand_table; allowed: one of "Rope 16", "Rope 20, galvanised"$'),
         (TABLE, {"strand_table": 5}, r"^cable\.strand_table: given 5; allowed: "),
         (TABLE, {"strand_table": "/no/such.csv"}, r"^cable\.strand_table: /no/such\.csv: cannot be read: No such file"),
-        (
-            TABLE.replace("1.05", "heavy"),
-            {},
-            r"ropes\.csv, row 1, column mass_kg_per_m: given 'heavy'; allowed: a number, or",
-        ),
+        (TABLE.replace("1.05", "heavy"), {}, r"ropes\.csv, row 1, column mass_kg_per_m: given 'heavy'; allowed: a number, or"),
         (
             TABLE.replace("2.5e7", "-2.5e7"),
             {},
             r"row 2, column axial_stiffness_N: given -25000000\.0; allowed: a finite .* above",
         ),
-        (
-            TABLE.replace("mass_kg_per_m", "mass_kg/m"),
-            {},
-            r"has the column 'mass_kg/m', unknown; .*; try: mass_kg_per_m",
-        ),
+        (TABLE.replace("mass_kg_per_m", "mass_kg/m"), {}, r"has the column 'mass_kg/m', unknown; .*; try: mass_kg_per_m"),
         (TABLE.replace("area_m2", "diameter_m"), {}, r"ropes\.csv: has the column 'diameter_m', twice; allowed: "),
         (
             TABLE.replace("name,", "rope,"),
             {},
             r"ropes\.csv: has the column 'rope', unknown; allowed: a CSV file with the columns",
         ),
-        (
-            TABLE.replace("sheet 7", "sheet 7,8"),
-            {},
-            r"ropes\.csv, row 1: given 8 cells; allowed: 7, as the header has$",
-        ),
-        (
-            TABLE.replace('"Rope 20, galvanised"', "Rope 16"),
-            {},
-            r"row 2, column name: given 'Rope 16'; allowed: a name, another",
-        ),
+        (TABLE.replace("sheet 7", "sheet 7,8"), {}, r"ropes\.csv, row 1: given 8 cells; allowed: 7, as the header has$"),
+        (TABLE.replace('"Rope 20, galvanised"', "Rope 16"), {}, r"row 2, column name: given 'Rope 16'; allowed: a name, another"),
         (TABLE.splitlines()[1], {}, r"ropes\.csv: has no rows; allowed: "),
         ("", {}, r"ropes\.csv: has no column name; allowed: "),
         (TABLE.replace('galvanised"', "galvanised"), {}, r"ropes\.csv: is broken: unexpected end of data; allowed: "),
         ("a\0b", {}, r"ropes\.csv"),
     ],
-)
+)  # fmt: skip
 def test_broken_tables_and_unknown_strands_are_refused(tmp_path, table, cable, message):
     (tmp_path / "ropes.csv").write_text(table)
     with pytest.raises(cp.SceneError, match=message):

@@ -250,21 +250,12 @@ def test_a_temperature_in_the_table_of_an_ensemble():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"thermal_expansion": None},
-            r"^temperature: given -20\.0; allowed: none without cable\.thermal_expansion \[1/K\], 0",
-        ),
-        (
-            {"thermal_expansion": 11.5},
-            r"^cable\.thermal_expansion: given 11\.5; allowed: a finite number of at least -0\.0005",
-        ),
-        (
-            {"temperature": -300.0},
-            r"^temperature: given -300\.0; allowed: a finite number of at least -273\.15 and of at most",
-        ),
+        ({"thermal_expansion": None}, r"^temperature: given -20\.0; allowed: none without cable\.thermal_expansion \[1/K\], 0"),
+        ({"thermal_expansion": 11.5}, r"^cable\.thermal_expansion: given 11\.5; allowed: a finite number of at least -0\.0005"),
+        ({"temperature": -300.0}, r"^temperature: given -300\.0; allowed: a finite number of at least -273\.15 and of at most"),
         ({"reference_temperature": "warm"}, r"^reference_temperature: given 'warm'; allowed: a finite number"),
     ],
-)
+)  # fmt: skip
 def test_wrong_temperatures_are_refused_by_key(changes, message):
     with pytest.raises(cp.SceneError, match=message):
         guy(**{"temperature": -20.0, **changes})

@@ -150,12 +150,8 @@ def test_a_bad_record_is_named(name, gusts):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [
-        (None, "cannot be read: No such file"),
-        (b"", "is empty; allowed"),
-        (b"time,wind\n0,1\n", "is no netCDF file, or damaged"),
-    ],
-)
+    [(None, "cannot be read: No such file"), (b"", "is empty; allowed"), (b"time,wind\n0,1\n", "is no netCDF file, or damaged")],
+)  # fmt: skip
 def test_a_file_that_is_no_record(content, message, tmp_path):
     if content is not None:
         (tmp_path / "field.nc").write_bytes(content)
