@@ -14,7 +14,6 @@ from public_calls import CALLS, datasets
 mpl.use("Agg")
 
 import cablepod as cp
-from cablepod.parameters._key_paths import key_of_variable
 
 #: Altered calls of a quick test and of all, odd options of each function in both.
 QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 70, 3500, 60, 800
@@ -179,28 +178,18 @@ def test_units_of_every_result_are_known(spatial):
     from cablepod.conventions import ATTRIBUTES, UNITS, VARIABLES
 
     known = {name: units for name, (units, _) in (ATTRIBUTES | VARIABLES).items()} | UNITS
+    scenes = [dataset for dataset in datasets(spatial).values() if dataset.attrs.get("stage") in ("scene", "scenes")]
+    of_scene = {str(name) for dataset in scenes for name in dataset.variables}
     for stage, dataset in datasets(spatial).items():
         if stage == "prepared" or dataset.attrs.get("stage") in ("scene", "scenes"):
             continue  # the first is checked as a whole, the second have keys
         units = {str(name): variable.attrs.get("units", "1") for name, variable in dataset.variables.items()}
-        of_scene = {name for name in units if key_of_variable(name) is not None}
-        own_units = {"sag", "frequency"} if "temperature" in dataset.dims else set()
+        own_units = {"sag", "frequency", "temperature"} if "temperature" in dataset.dims else set()
         assert {
             name: own
             for name, own in units.items()
             if own not in (known.get(name), "1") and name not in of_scene | own_units
         } == {}
-
-
-def test_a_dataset_in_order_is_not_copied():
-    from cablepod._inputs import FIELD_MODES, SCENE, TRAJECTORY, taken
-
-    for stage, kind in (("scene", SCENE), ("members", SCENE), ("chain", TRAJECTORY), ("modes", FIELD_MODES)):
-        for spatial in (False, True):
-            assert taken("it", datasets(spatial)[stage], kind) is datasets(spatial)[stage]
-    other = datasets()["modes"].isel(mode=slice(0, 2))
-    assert taken("it", other, FIELD_MODES) is other
-    assert not np.shares_memory(taken("it", other.isel(coordinate=[1, 0]), FIELD_MODES).mode_shape, other.mode_shape)
 
 
 def test_what_altered_calls_found_is_refused():

@@ -48,6 +48,12 @@ def test_a_dataset_in_order_is_returned_as_it_is(stage, spatial):
     assert dataset.identical(datasets(spatial)[stage])
 
 
+def test_a_part_in_order_is_not_copied_and_one_put_in_order_shares_no_memory():
+    part = datasets()["modes"].isel(mode=slice(0, 2))
+    assert taken("it", part, FIELD_MODES) is part
+    assert not np.shares_memory(taken("it", part.isel(coordinate=[1, 0]), FIELD_MODES).mode_shape, part.mode_shape)
+
+
 def put(name: str, value: Any) -> Callable[[xr.Dataset], None]:
     """Put a number in the place of the last of an array, in place."""
 
