@@ -15,7 +15,6 @@ from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene, table
 from cablepod.paper.examples import SUMMED, misfit
 from cablepod.paper.table1 import inextensible
-from cablepod.parameters._from_scene import parameters
 
 #: Time step of the runs [s] (half of it changes the ten values by at most 3e-4 as long as no link slackens).
 STEP = 2.5e-4
@@ -61,11 +60,10 @@ def with_start(base: xr.Dataset, start: Mapping[str, Any]) -> xr.Dataset:
 
 def _sagging_line(base: xr.Dataset, sag: float, count: int = 400) -> np.ndarray:
     """Return points (count, 2) [m] on the inextensible catenary of a scene, its deflection scaled by `sag`."""
-    p = parameters(base)
-    curve = inextensible(p, p.length_value)
+    curve = inextensible(base, float(base["cable_top_tension"]))
     x = np.linspace(0.0, curve.a, count)
     straight = curve.b * x / curve.a
-    return np.stack([x, straight + sag * (curve.height(x) - straight)], axis=1) + p.lower
+    return np.stack([x, straight + sag * (curve.height(x) - straight)], axis=1) + base["ends_lower"].values
 
 
 def tried(*, progress: Callable[[float], None] | None = None) -> xr.Dataset:

@@ -16,7 +16,6 @@ from cablepod.examples import scene, table
 from cablepod.paper import independent_chain
 from cablepod.paper.examples import CHAIN_TOLERANCE
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._parameters import Parameters
 
 #: Axial stiffness over that of the printed data: as printed, and as used in rows 2 to 4 of Table 1.
 STIFFNESS_FACTORS = (1.0, 0.01)
@@ -100,8 +99,9 @@ class Inextensible:
         return self.length - (0.5 * self.horizontal * self.a + 0.5 * (upper - lower) / self.q) / stiffness
 
 
-def inextensible(p: Parameters, tension: float) -> Inextensible:
-    """Return the inextensible catenary between the ends of a planar scene."""
+def inextensible(base: xr.Dataset, tension: float) -> Inextensible:
+    """Return the inextensible catenary between the ends of a planar scene, with a tension [N] at its upper end."""
+    p = parameters(base)
     a, b = p.upper - p.lower
     return Inextensible.of_tension(float(a), float(b), float(-p.weight[1]), tension)
 
@@ -119,12 +119,11 @@ def table1() -> xr.Dataset:
     printed = table("table1")
     tensions = printed["top_tension_N"]
     base = scene("example1")
-    p = parameters(base)
-    stiffness = p.stiffness * np.array(STIFFNESS_FACTORS)
+    stiffness = parameters(base).stiffness * np.array(STIFFNESS_FACTORS)
     shape = (tensions.size, stiffness.size, 2)
     unstretched, stretched, lower = np.empty(shape), np.empty(shape), np.empty(shape)
     for i, tension in enumerate(tensions):
-        curve = inextensible(p, float(tension))
+        curve = inextensible(base, float(tension))
         for j, k in enumerate(stiffness):
             unstretched[i, j, 0], stretched[i, j, 0] = curve.unstretched_length(k), curve.length
             lower[i, j, 0] = curve.tension(0.0)
@@ -193,7 +192,6 @@ def rest_comparison(
         package and the independent one [m]; ``motion_size``: the largest displacement in that time [m].
     """
     guy = scene("example1")
-    p = parameters(guy)
     gaps = []
     for count in links:
         at_rest = chain.rest(guy, links=count)
@@ -207,7 +205,7 @@ def rest_comparison(
     result = xr.Dataset(
         {
             "rest_gap": ("rest_links", gaps),
-            "catenary_gap": ((), _boundary_value_gap(inextensible(p, p.length_value))),
+            "catenary_gap": ((), _boundary_value_gap(inextensible(guy, float(guy["cable_top_tension"])))),
             "motion_gap": ((), float(np.hypot(*np.moveaxis(ours - theirs, -1, 0)).max())),
             "motion_size": ((), float(np.hypot(*np.moveaxis(ours - ours[0], -1, 0)).max())),
         },

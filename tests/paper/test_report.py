@@ -26,7 +26,6 @@ from cablepod.paper import (
     table1,
     validity,
 )
-from cablepod.parameters._from_scene import parameters
 
 VARIANTS = sorted(path.stem for path in (shipped.data_folder() / "scenes").glob("*.toml"))
 RIGID = {
@@ -92,7 +91,7 @@ def test_the_variants_differ_from_their_example_in_what_they_say():
 
 
 def curve(tension=3750.0):
-    return table1.inextensible(parameters(shipped.scene("example1")), tension)
+    return table1.inextensible(shipped.scene("example1"), tension)
 
 
 @pytest.mark.parametrize("tension", [700.0, 1875.0, 15000.0, 1e5])
