@@ -277,27 +277,3 @@ def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_pat
     for path in [*folder.glob("batch*"), folder / "manifest.json"]:
         path.unlink()
     xr.testing.assert_equal(cp.ensemble.run(scenes, folder, batch=2, step=1e-3).compute(), whole)
-
-
-def unless_taut(scene, modes=None, *, step=None, times=None, progress=None):
-    """A chain that diverges where it is taut."""
-    if float(scene["cable_top_tension"]) > 280.0:
-        raise cp.RunStopped("chain.simulate left the finite numbers at 2 s")
-    return cp.chain.simulate(scene, step=step, times=times)
-
-
-def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path):
-    scenes = scenes_of(soft, 8)
-    bad = scenes["cable_top_tension"].values > 280.0
-    with pytest.warns(
-        cp.MemberFailedWarning, match=rf"{bad.sum()} of 8 members failed .* left the finite numbers at 2 s"
-    ):
-        run = cp.ensemble.run(scenes, tmp_path / "it", model=unless_taut, batch=3, step=1e-3)
-    np.testing.assert_array_equal(run["failure"] != "", bad)
-    good = np.flatnonzero(~bad)
-    np.testing.assert_array_equal(run["position"][good], cp.chain.simulate(scenes, step=1e-3)["position"][good])
-    # and a second call does not try again
-    kept = files(tmp_path / "it")
-    with pytest.warns(cp.MemberFailedWarning):
-        cp.ensemble.run(scenes, tmp_path / "it", model=unless_taut, batch=3, step=1e-3)
-    assert files(tmp_path / "it") == kept

@@ -97,11 +97,12 @@ def test_public_names_say_what_they_return_and_have_keyword_only_options():
 
 def test_sub_packages_are_loaded_at_their_first_use():
     code = "import sys, cablepod; own = lambda: {name for name in sys.modules if name.startswith('cablepod.')}"
-    alone, used, missing = fresh(
-        f"{code}; print(own()); cablepod.catenary; print('cablepod.catenary' in own(), 'cablepod.chain' in own()); "
+    alone, cleared, used, missing = fresh(
+        f"{code}; print(own()); cablepod.clear_caches(); print(own()); "
+        "cablepod.catenary; print('cablepod.catenary' in own(), 'cablepod.chain' in own()); "
         "print(hasattr(cablepod, 'kernels'), dir(cablepod) == sorted([*cablepod.__all__, '__version__']))"
     ).splitlines()
-    assert alone == "set()"
+    assert (alone, cleared) == ("set()", "{'cablepod._caches'}")
     assert (used, missing) == ("True False", "False True")
 
 
