@@ -23,18 +23,8 @@ FUNCTIONS = (
     "paper.report.write", "a" * 5000, "_jit.compiled", "chain.simulate.__globals__", "é.σ", "archive._atomic.atomic_file",
 )  # fmt: skip
 KEYS = (
-    "id",
-    "function",
-    "parameters",
-    "inputs",
-    "chosen",
-    "written",
-    "program",
-    "version",
-    "commit",
-    "wall_time_s",
-    "sha256",
-)
+    "id", "function", "parameters", "inputs", "chosen", "written", "program", "version", "commit", "wall_time_s", "sha256",
+)  # fmt: skip
 
 
 def odd_value(rng: random.Random, depth: int = 0) -> Any:

@@ -38,21 +38,8 @@ JUNK = st.one_of(
 )
 CHANGES = (*["nudge"] * 6, *["scale"] * 4, *["negate"] * 2, "junk", "delete", "copy", "add", "longer")
 NAMES = (
-    "x",
-    "z",
-    "kind",
-    "amplitude",
-    "duration",
-    "links",
-    "free",
-    "force",
-    "density",
-    "uniform",
-    "no_such_key",
-    "",
-    "a.b",
-    5,
-)
+    "x", "z", "kind", "amplitude", "duration", "links", "free", "force", "density", "uniform", "no_such_key", "", "a.b", 5,
+)  # fmt: skip
 
 
 def places(tree: Any) -> list[tuple[Any, Any]]:

@@ -118,10 +118,6 @@ def make_batch():
 
 
 KINDS = {
-    "batch": make_batch,
-    "scene": make_scene,
-    "trajectory": make_trajectory,
-    "modes": make_modes,
-    "comparison": make_comparison,
+    "batch": make_batch, "scene": make_scene, "trajectory": make_trajectory, "modes": make_modes, "comparison": make_comparison,
     "ensemble": make_ensemble,
-}
+}  # fmt: skip

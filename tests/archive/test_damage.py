@@ -139,14 +139,8 @@ def test_what_is_written_is_found_unchanged(case, tmp_path, checksum_block):
     rng = np.random.default_rng(3)
     checksum_block(512)
     attrs = {
-        "one": [1.5],
-        "text": ["a"],
-        "texts": ["a", "é"],
-        "zero": -0.0,
-        "nan": np.nan,
-        "empty": "",
-        "i": np.int8(3),
-    }
+        "one": [1.5], "text": ["a"], "texts": ["a", "é"], "zero": -0.0, "nan": np.nan, "empty": "", "i": np.int8(3),
+    }  # fmt: skip
     values = rng.normal(size=(50, 6, 2))
     dataset = {
         "lazy": lambda: xr.Dataset({"a": (("time", "x", "y"), values, attrs)}).chunk(time=7, x=4),

@@ -49,17 +49,8 @@ def test_the_main_job(job, scene_file):
     assert without_progress(told) == ""
     names = {path.name for path in out.iterdir()}
     data = {
-        "scene",
-        "summary",
-        "catenary",
-        "chain_rest",
-        "chain",
-        "chain_half",
-        "modes",
-        "normal_modes",
-        "comparison",
-        "chains",
-    }
+        "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "modes", "normal_modes", "comparison", "chains",
+    }  # fmt: skip
     data |= {f"{model}_r{r}" for model in ("condensed", "galerkin") for r in (1, 2)}
     figures = {"tension", "tension_map", "deflection", "error_over_time", "modes", "singular_values", "shapes"}
     assert names == {f"{name}.nc" for name in data} | {f"{name}.png" for name in figures}

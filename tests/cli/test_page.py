@@ -6,7 +6,9 @@ import re
 from html import unescape
 
 import pytest
+from scene_files import toml_of
 from scenes import SOFT_TOML
+from wind_scenes import GUY, KAIMAL
 
 from cablepod import cli
 
@@ -19,32 +21,11 @@ sampling = "grid"
 "motion.upper.x.amplitude" = [-0.05, -0.02]
 """
 #: A small guy in gusts.
-GUY = """
-title = "a guy in gusts"
-[cable]
-youngs_modulus = 1.6e11
-area = 3.8e-5
-density = 8000.0
-diameter = 0.008
-top_tension = 5000.0
-[ends]
-lower = [20.0, 0.0, 0.0]
-upper = [0.0, 28.0, 0.0]
-[damping]
-mass_proportional = 0.1
-[wind]
-speed = 20.0
-direction = [1.0, 0.0, 0.0]
-roughness_length = 0.03
-[wind.turbulence]
-spectrum = "kaimal"
-seed = 3
-[time]
-duration = 4.0
-interval = 0.1
-[chain]
-links = 10
-"""
+GUSTY = {
+    **GUY,
+    **{"damping": {"mass_proportional": 0.1}, "wind": KAIMAL, "chain": {"links": 10}},
+    "time": {"duration": 4.0, "interval": 0.1},
+}
 
 
 def notes_of(captured):
@@ -87,7 +68,7 @@ def test_ensemble_writes_a_page_with_a_map(tmp_path, capsys):
 
 def test_design_writes_a_page_with_its_tables(tmp_path, capsys):
     scene, page = tmp_path / "it.toml", tmp_path / "it.html"
-    scene.write_text(GUY)
+    scene.write_text(toml_of(GUSTY))
     arguments = ["design", str(scene), "--out", str(tmp_path / "out"), "--report", str(page)]
     assert cli.main([*arguments, "--directions", "1", "--speeds", "15", "--storms", "3"]) == 0
     captured = capsys.readouterr()
@@ -101,7 +82,7 @@ def test_design_writes_a_page_with_its_tables(tmp_path, capsys):
 
 def test_stringing_writes_a_page_with_its_figures(tmp_path, capsys):
     scene, page = tmp_path / "it.toml", tmp_path / "it.html"
-    scene.write_text(GUY.replace("diameter = 0.008", "diameter = 0.008\nthermal_expansion = 1.2e-5"))
+    scene.write_text(toml_of({**GUSTY, "cable": {**GUY["cable"], "thermal_expansion": 1.2e-5}}))
     arguments = ["stringing", str(scene), "--temperatures", "-20", "40", "4", "--report", str(page)]
     assert cli.main(arguments) == 0
     printed, content = capsys.readouterr().out, unescape(page.read_text(encoding="utf-8"))

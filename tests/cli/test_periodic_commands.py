@@ -5,35 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from children import run_python, without_progress
+from periodic_scenes import GUY
+from scene_files import toml_of
 
 import cablepod as cp
 from cablepod import cli
 
-GUY = """
-title = "a guy"
-[cable]
-youngs_modulus = 1.6e11
-area = 1.25e-4
-specific_weight = 78500.0
-top_tension = 15000.0
-[ends]
-lower = [0.0, 0.0]
-upper = [20.4, 57.7]
-[motion.upper.x]
-kind = "harmonic"
-amplitude = 0.003
-angular_frequency = 12.5
-[damping]
-mass_proportional = 0.05
-[chain]
-links = 20
-"""
+MOTION = {"kind": "harmonic", "amplitude": 0.003, "angular_frequency": 12.5}
+
+
+def guy_with(ends_motion=None, **tables):
+    """The guy of the periodic tests as a file, with tables of its own."""
+    motion = {"upper": {"x": MOTION} | (ends_motion or {})}
+    return toml_of({**GUY, "motion": motion, "damping": {"mass_proportional": 0.05}, "chain": {"links": 20}} | tables)
 
 
 @pytest.fixture
 def guy(tmp_path):
     path = tmp_path / "guy.toml"
-    path.write_text(GUY)
+    path.write_text(guy_with())
     return str(path)
 
 
@@ -64,9 +54,9 @@ def test_ramps_are_left_out_with_a_note(guy, tmp_path, capsys):
 
     plain, said = response(guy, "plain")
     assert said == ""
-    for number, table in enumerate(("", "[ensemble.ranges]\n'motion.upper.x.ramp' = [1, 2, 3]\n")):
+    for number, tables in enumerate(({}, {"ensemble": {"ranges": {"motion.upper.x.ramp": [1, 2, 3]}}})):
         path = tmp_path / "ramped.toml"
-        path.write_text(GUY.replace("[damping]", f"ramp = 3.0\n{table}[damping]"))
+        path.write_text(guy_with({"x": {**MOTION, "ramp": 3.0}}, **tables))
         without, said = response(path, f"ramped{number}")
         assert said == "cablepod: note: left out: motion.upper.x.ramp, as a periodic response has no start\n"
         assert without.attrs["id"] == plain.attrs["id"]
@@ -74,11 +64,7 @@ def test_ramps_are_left_out_with_a_note(guy, tmp_path, capsys):
 
 def test_nothing_is_written_for_forcing_that_is_refused(tmp_path, capsys):
     path = tmp_path / "two.toml"
-    path.write_text(
-        GUY.replace(
-            "[damping]", '[motion.upper.y]\nkind = "harmonic"\namplitude = 0.01\nangular_frequency = 3.0\n[damping]'
-        )
-    )
+    path.write_text(guy_with({"y": {"kind": "harmonic", "amplitude": 0.01, "angular_frequency": 3.0}}))
     for command, more in (("respond", []), ("tongues", ["--amplitude", "0.1"])):
         arguments = [command, str(path), "--out", str(tmp_path / "out"), "--frequency", "1", "2", *more]
         assert cli.main(arguments) == 2
@@ -88,7 +74,7 @@ def test_nothing_is_written_for_forcing_that_is_refused(tmp_path, capsys):
 
 def test_missing_damping_is_told_before_the_run_and_not_again(tmp_path, capsys, monkeypatch):
     path = tmp_path / "undamped.toml"
-    path.write_text(GUY.replace("[damping]\nmass_proportional = 0.05\n", ""))
+    path.write_text(guy_with(damping={}))
     before, respond = [], cp.periodic.frequency_response
 
     def look_first(*given, **options):

@@ -250,14 +250,8 @@ def long_files(package: Path) -> list[str]:
 
 
 CHECKS: tuple[Callable[[Path], list[str]], ...] = (
-    upward_imports,
-    uses_of_the_archive,
-    imports_in_kernels,
-    relative_imports,
-    import_cycles,
-    crowded_top,
-    long_files,
-)
+    upward_imports, uses_of_the_archive, imports_in_kernels, relative_imports, import_cycles, crowded_top, long_files,
+)  # fmt: skip
 
 # --- each check is seen to pass and to fail -------------------------------------------------------------------------------
 

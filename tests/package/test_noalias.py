@@ -95,15 +95,10 @@ for dims in (2, 3):
 #: Kernels that each run must call.
 KERNELS = {
     "condensed": (
-        "_kernels_closure",
-        "_kernels_recorder",
-        "_kernels_explicit",
-        "_kernels_frame",
-        "_kernels_sines",
-        "_kernels_error",
+        "_kernels_closure", "_kernels_recorder", "_kernels_explicit", "_kernels_frame", "_kernels_sines", "_kernels_error",
     ),
     "chain": ("_kernels_links", "_kernels_banded", "_kernels_newton", "_kernels_generalized_alpha", "_kernels_drag"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("model", RUNS)

@@ -33,15 +33,11 @@ def test_no_test_imports_another():
 @pytest.mark.parametrize(
     "text",
     [
-        "import test_chain",
-        "from test_chain import positions",
-        "from tests.chain import test_motion",
-        "from tests.chain.test_motion import positions",
-        "from . import test_motion",
-        "from conftest import SOFT",
+        "import test_chain", "from test_chain import positions", "from tests.chain import test_motion",
+        "from tests.chain.test_motion import positions", "from . import test_motion", "from conftest import SOFT",
         "def f():\n    from test_chain import positions",
     ],
-)
+)  # fmt: skip
 def test_an_import_of_a_test_is_found(tmp_path, text):
     (tmp_path / "test_it.py").write_text(text)
     (tmp_path / "test_other.py").write_text("import numpy as np\nfrom scenes import SOFT\n")

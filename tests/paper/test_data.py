@@ -34,14 +34,8 @@ def test_every_table_names_its_source_and_is_told_of(scenes):
     told = (DATA / "README.md").read_text()
     paths = sorted(DATA.glob("*.csv"))
     assert [path.stem for path in paths] == [
-        "auto07p",
-        "energy_shares",
-        "examples",
-        "starts",
-        "strands",
-        "table1",
-        "table2",
-    ]
+        "auto07p", "energy_shares", "examples", "starts", "strands", "table1", "table2",
+    ]  # fmt: skip
     assert all(path.name in told for path in paths)
     for path in (
         path for path in paths if path.stem not in ("strands", "auto07p")

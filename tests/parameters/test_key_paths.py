@@ -30,13 +30,9 @@ TREE = {
     "point_load": [{"arc_length": 0.3, "force": [0.0, -200.0]}, {"arc_length": 0.5, "force": [1.0, 2.0]}],
 }
 NUMBERS = {
-    "gravity": 9.81,
-    "cable.density": 8000,
-    "ends.upper.y": 57.7,
-    "motion.upper.x.amplitude": 0.1,
-    "point_load.1.arc_length": 0.3,
-    "point_load.2.force.x": 1.0,
-}
+    "gravity": 9.81, "cable.density": 8000, "ends.upper.y": 57.7, "motion.upper.x.amplitude": 0.1,
+    "point_load.1.arc_length": 0.3, "point_load.2.force.x": 1.0,
+}  # fmt: skip
 NO_NUMBERS = (
     None, 3, "", ".", "title", "cable", "cable.", "cable.mass", "ends.upper", "ends.upper.z", "ends.upper.1", "ends.x",
     "motion.upper.x.kind", "point_load.0.arc_length", "point_load.3.arc_length", "point_load.x.arc_length",

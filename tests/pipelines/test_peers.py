@@ -47,12 +47,8 @@ def test_right_side_is_the_chains_forces(system, state):
 @pytest.mark.slow
 def test_jacobian_is_the_slope_of_the_right_side(system, state):
     rates, jacobian, size, time, h = (
-        peer_system.rates_of(system),
-        peer_system.jacobian_of(system),
-        state.size,
-        0.7,
-        1e-6,
-    )
+        peer_system.rates_of(system), peer_system.jacobian_of(system), state.size, 0.7, 1e-6,
+    )  # fmt: skip
     slopes, both = np.empty((size, size)), np.empty((2, size))
     for column in range(size):
         for sign, out in zip((1.0, -1.0), both, strict=True):
@@ -167,12 +163,8 @@ def table_of_one(missing="", failure=""):
     """A table with our case and one of another package."""
     dims = ("example", "case")
     numbers = {
-        "error": [1e-5, 1e-5],
-        "error_worst": [1e-5, 2e-5],
-        "stepping": [0.01, 0.1],
-        "whole": [0.02, 0.2],
-        "repeats": [5, 5],
-    }
+        "error": [1e-5, 1e-5], "error_worst": [1e-5, 2e-5], "stepping": [0.01, 0.1], "whole": [0.02, 0.2], "repeats": [5, 5],
+    }  # fmt: skip
     return xr.Dataset(
         {
             **{name: (dims, [values]) for name, values in numbers.items()},

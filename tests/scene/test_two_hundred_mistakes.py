@@ -46,13 +46,8 @@ REQUIRED = (
 SIGNED = ("motion.upper.x.amplitude", "motion.upper.x.phase")
 #: Lower bound 0 or more: a negative number is refused.
 UNITS = {
-    "cable.youngs_modulus",
-    "cable.area",
-    "cable.density",
-    "cable.top_tension",
-    "cable.breaking_strength",
-    "gravity",
-}
+    "cable.youngs_modulus", "cable.area", "cable.density", "cable.top_tension", "cable.breaking_strength", "gravity",
+}  # fmt: skip
 
 
 def changed(path: str, value: Any, *, remove: str = "") -> dict[str, Any]:

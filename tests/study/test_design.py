@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import signal
 import subprocess
@@ -11,7 +12,8 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from mast_scenes import WIND, small
+from mast_scenes import SMALL, WIND, small
+from scene_files import toml_of
 
 import cablepod as cp
 from cablepod import cli, lineage
@@ -349,36 +351,13 @@ def test_parts_whose_storms_all_failed_are_joined_as_nan():
         joined([bad], CABLE)
 
 
-MAST_TOML = """
-[mast]
-height = 30.0
-bending_stiffness = 4.0e6
-mass = 20.0
-elements = 8
-modes = 3
-drag_area = 0.3
-[cables.guy]
-youngs_modulus = 1.6e11
-area = 3.8e-5
-density = 8000.0
-diameter = 0.008
-[[guy]]
-cable = "guy"
-level = 28.0
-radius = 20.0
-count = 3
-direction = [1.0, 0.0, 0.0]
-top_tension = 5000.0
-[damping]
-mass_proportional = 0.1
-[wind]
-speed = 20.0
-direction = [1.0, 0.0, 0.0]
-turbulence = { spectrum = "kaimal", seed = 3 }
-[time]
-duration = 20.0
-interval = 0.05
-"""
+def mast_file(path, duration=20.0):
+    """Write the windy mast as the file of a command."""
+    mapping = copy.deepcopy(SMALL)
+    windy(mapping)
+    mapping["time"]["duration"] = duration
+    path.write_text(toml_of(mapping))
+    return path
 
 
 @pytest.mark.parametrize(
@@ -390,8 +369,7 @@ interval = 0.05
     ],
 )  # fmt: skip
 def test_the_command_refuses_directions_in_degrees(tmp_path, capsys, given, allowed):
-    path = tmp_path / "mast.toml"
-    path.write_text(MAST_TOML)
+    path = mast_file(tmp_path / "mast.toml")
     assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--directions", given]) == 2
     said = capsys.readouterr().err
     assert f"--directions: given '{given}'; allowed: {allowed}" in said
@@ -400,27 +378,18 @@ def test_the_command_refuses_directions_in_degrees(tmp_path, capsys, given, allo
 
 
 def test_the_command_refuses_directions_out_of_the_plane_in_degrees(tmp_path, capsys):
-    guy = "\n".join(
-        [
-            "[cable]",
-            "strand = 'EHS 1/2 in'",
-            "diameter = 0.0127",
-            "top_tension = 15000.0",
-            "[ends]",
-            "lower = [0.0, 0.0]",
-            "upper = [20.0, 50.0]",
-        ]
-    )
+    cable = {"strand": "EHS 1/2 in", "diameter": 0.0127, "top_tension": 15000.0}
+    guy = {"cable": cable, "ends": {"lower": [0.0, 0.0], "upper": [20.0, 50.0]}}
     path = tmp_path / "guy.toml"
-    path.write_text(f"{guy}\n[wind]\nspeed = 20.0\ndirection = [1.0, 0.0]\n[time]\nduration = 5.0\ninterval = 0.5\n")
+    wind, time_of = {"speed": 20.0, "direction": [1.0, 0.0]}, {"duration": 5.0, "interval": 0.5}
+    path.write_text(toml_of({**guy, "wind": wind, "time": time_of}))
     for given in ("90,", "3"):
         assert cli.main(["design", str(path), "--out", str(tmp_path / "out"), "--directions", given]) == 2
         assert f"--directions: given '{given}'; allowed: 0 and 180 [deg] in a planar scene" in capsys.readouterr().err
 
 
 def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
-    path = tmp_path / "mast.toml"
-    path.write_text(MAST_TOML)
+    path = mast_file(tmp_path / "mast.toml")
     out = tmp_path / "out"
     arguments = ["design", str(path), "--out", str(out), "--directions", "0,60", "--speeds", "15,28", "--storms", "2"]
     assert cli.main([*arguments, "--shares", "0.1,0.01", "--slope", "4", "--reference-range", "150"]) == 0
@@ -460,23 +429,12 @@ def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_killed_command_goes_on_to_the_same_table(tmp_path):
-    path = tmp_path / "mast.toml"
-    path.write_text(MAST_TOML.replace("duration = 20.0", "duration = 300.0"))
+    path = mast_file(tmp_path / "mast.toml", 300.0)
 
     def arguments(out):
         return [
-            sys.executable,
-            "-m",
-            "cablepod",
-            "design",
-            str(path),
-            "--out",
-            str(out),
-            "--directions",
-            "6",
-            "--storms",
-            "6",
-        ]
+            sys.executable, "-m", "cablepod", "design", str(path), "--out", str(out), "--directions", "6", "--storms", "6",
+        ]  # fmt: skip
 
     whole = subprocess.run(arguments(tmp_path / "whole"), capture_output=True, text=True, check=True).stdout
     with subprocess.Popen(

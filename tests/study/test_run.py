@@ -17,18 +17,9 @@ from cablepod import cli
 
 MODELS = ["condensed_r1", "condensed_r2", "galerkin_r1", "galerkin_r2"]
 STAGES = [
-    "scene",
-    "summary",
-    "catenary",
-    "chain_rest",
-    "chain",
-    "chain_half",
-    "modes",
-    "normal_modes",
-    *MODELS,
-    "comparison",
+    "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "modes", "normal_modes", *MODELS, "comparison",
     "chains",
-]
+]  # fmt: skip
 
 
 @pytest.fixture

@@ -72,17 +72,13 @@ def test_decay_of_a_taut_string_in_wind(model, axis, share, mode):
 def test_blow_back_of_a_level_cable():
     tables = {
         "cable": {
-            "youngs_modulus": 1.6e11,
-            "area": 1.25e-4,
-            "density": 8000.0,
-            "horizontal_force": 30000.0,
-            "diameter": 0.016,
+            "youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "horizontal_force": 30000.0, "diameter": 0.016,
         },
         "ends": {"lower": [0.0, 20.0, 0.0], "upper": [60.0, 20.0, 0.0]},
         "chain": {"links": 80},
         "wind": {"speed": 30.0, "direction": [0.0, 0.0, 1.0], "profile": "uniform"},
         "time": {"duration": 1.0, "interval": 0.1},
-    }
+    }  # fmt: skip
     scene = cp.make_scene(tables)
     rest = cp.chain.rest(scene)
     strain = float(rest.tension.mean()) / 2.0e7
