@@ -40,6 +40,7 @@ COMMANDS = {
 #: Instants of a command are drawn up to here [s].
 SPAN = {"run": 6.0, "threads": 4.0, "processes": 8.0, "paper": 20.0}
 NUMBERS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
+CAUSES = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
 @dataclass
@@ -122,9 +123,8 @@ def without_notes(error: str) -> list[str]:
 
 def message(command: str, number: int) -> str:
     """Return the line after a signal."""
-    cause = "interrupted" if number == signal.SIGINT else "terminated"
     how = "the same command goes on where it stopped" if command == "ensemble" else "--overwrite begins anew"
-    return f"cablepod: {cause}; every file that was written is whole, {how}"
+    return f"cablepod: {CAUSES[number]}; every file that was written is whole, {how}"
 
 
 def is_whole(folder: Path) -> int:
