@@ -93,6 +93,12 @@ def scene_with(mapping: dict[str, Any], **tables: Any) -> xr.Dataset:
     return cp.make_scene({**mapping, **tables})
 
 
+def pulled(soft, **tables):
+    """Return the soft scene with ends at rest, let go from the shape of a longer cable: a vibration that small steps resolve."""
+    changes = {"motion": {}, "initial": {"unstretched_length": 10.4}, "time": {"duration": 1.0, "interval": 0.25}}
+    return scene_with(soft, **changes | {"cable": {**soft["cable"], "youngs_modulus": 4e5}} | tables)
+
+
 def rigid_scene(soft, **changes):
     """Return a soft scene whose cable is given by its length, for rigid links."""
     return cp.make_scene({**soft, "cable": RIGID_CABLE, **copy.deepcopy(changes)})
@@ -118,12 +124,10 @@ class UniformChain(NamedTuple):
 def uniform_chain(scene: xr.Dataset, result: xr.Dataset) -> UniformChain:
     """Return the chain of a uniform cable by hand, from numbers of its scene and the arc lengths of a result."""
     area, length = float(scene.cable_area), np.diff(result.arc_length.values)
-    gravity = float(scene.gravity) if "gravity" in scene else 9.81
-    weight = scene.cable_specific_weight if "cable_specific_weight" in scene else gravity * scene.cable_density
+    given = "cable_density" in scene
+    density = float(scene.cable_density if given else scene.cable_specific_weight / scene.gravity)
     share = 0.5 * (np.append(length, 0.0) + np.append(0.0, length))
-    return UniformChain(
-        length, float(scene.cable_youngs_modulus) * area / length, float(weight) / gravity * area * share
-    )
+    return UniformChain(length, float(scene.cable_youngs_modulus) * area / length, density * area * share)
 
 
 def link_length_errors(run):

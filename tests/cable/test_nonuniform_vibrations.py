@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from printed import printed
 from references.damped_string import roots_with_damper
 from scipy.optimize import brentq
 
 import cablepod as cp
-from cablepod.cli._summary import table
 
 #: A weightless taut string: distance of the ends [m], tension [N], mass per stretched length [kg/m], axial stiffness [N].
 LENGTH, TENSION, MASS, STIFFNESS = 100.0, 2e4, 1.0, 2e7
@@ -256,8 +257,8 @@ def test_summary_has_the_first_axial_frequency_of_a_bar_with_a_mass() -> None:
     assert float(numbers.first_axial_frequency) == pytest.approx(0.5477054 * math.pi * speed / UNSTRETCHED, rel=1e-6)
 
 
-def test_check_prints_damping_ratios() -> None:
-    lines = table(cp.summary(string(attachment=[damper(0.5, 0.2)]))).splitlines()
+def test_check_prints_damping_ratios(tmp_path: Path) -> None:
+    lines = printed(tmp_path, {**TAUT, "attachment": [damper(0.5, 0.2)]}).splitlines()
     (line,) = (
         line for line in lines if line.startswith("  their damping ratios")
     )  # none across the damper, where all are 0

@@ -10,9 +10,6 @@ from scenes import scene_with, spatial
 from scipy.integrate import solve_bvp
 
 import cablepod as cp
-from cablepod.cable import _mesh as cable_mesh
-from cablepod.discretisation import _gll as gll
-from cablepod.parameters._from_scene import parameters
 
 SAGGING = {
     "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 12.0},
@@ -22,36 +19,6 @@ SAGGING = {
 
 def orders(errors, numbers):
     return np.log(np.divide(errors[:-1], errors[1:])) / np.log(np.divide(numbers[1:], numbers[:-1]))
-
-
-# --- elements ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 7, 8, 16])
-def test_quadrature_and_derivative_are_exact_for_polynomials(order):
-    node, weight, d = gll.gll_rule(order)
-    for power in range(2 * order):
-        exact = 2.0 / (power + 1) if power % 2 == 0 else 0.0
-        assert weight @ node**power == pytest.approx(exact, abs=1e-14)  # sums of numbers of size 1
-        if power <= order:
-            slope = power * node ** max(power - 1, 0)
-            # the entries of d grow with the square of the order: rounding times 16^2 times a few
-            assert np.allclose(d @ node**power, slope, atol=1e-12)
-    place = np.linspace(-1.0, 1.0, 9)
-    assert np.allclose(gll.lagrange_basis(order, place) @ node**order, place**order, atol=1e-14)
-
-
-def test_point_loads_stand_between_elements(soft):
-    soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
-    mesh = cable_mesh.mesh_of(parameters(scene_with(soft)), 7)
-    border = mesh.arc_length[:: mesh.order] / mesh.total_length
-    assert np.abs(border[:, None] - [0.1, 0.73]).min(axis=0) == pytest.approx([0.0, 0.0], abs=1e-14)
-    loads = mesh.loads() - mesh.tributary_length[:, None] * parameters(scene_with(soft)).weight
-    assert sorted(loads[:, 1])[:2] == pytest.approx([-2.0, -1.0], rel=1e-14)
-    assert mesh.sizes.size == 7
-    assert mesh.sizes.sum() == pytest.approx(mesh.total_length, rel=1e-14)
-    with pytest.raises(cp.SceneError, match=r"elements: given 2; allowed: at least 3"):
-        cable_mesh.mesh_of(parameters(scene_with(soft)), 2)
 
 
 # --- rest -------------------------------------------------------------------------------------------------------------

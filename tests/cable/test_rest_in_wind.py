@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
+from printed import printed
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
-from cablepod.cli import _report, _summary
 
 ACROSS = {"speed": 28.0, "direction": [0.0, 0.0, 1.0]}
 #: Numbers of a summary that depend on the air.
@@ -291,9 +291,9 @@ def test_rest_does_not_depend_on_the_start_of_a_run(initial, wind):
 # --- texts ----------------------------------------------------------------------------------------------------------------------
 
 
-def test_check_prints_both_side_by_side():
+def test_check_prints_both_side_by_side(tmp_path):
     numbers = cp.summary(guy(WIND))
-    lines = _summary.table(numbers).splitlines()
+    lines = [line for line in printed(tmp_path, {**GUY, "wind": WIND}).splitlines() if line.startswith("  ")]
     assert lines[0].split() == ["rest", *["mean", "wind", "of", "25", "m/s", "at", "10", "m", "above", "the", "ground"]]
     table = {line[:34].strip(): line[34:].strip() for line in lines if "plane" not in line}
     upper = float(numbers.tension_upper)
@@ -304,34 +304,6 @@ def test_check_prints_both_side_by_side():
             hertz = [float(value) for value in line[34:].partition(" Hz")[0].split()]
             assert hertz == pytest.approx(numbers[f"frequency_{plane}_{ending}"].values, rel=1e-4)
             assert line.endswith(f" in {'the ' * (ending == 'mean_wind')}{ending.replace('_', ' ')}")
-    calm = _summary.table(cp.summary(guy()))
+    calm = printed(tmp_path, GUY)
     assert "still air" not in calm
     assert "wind" not in calm
-
-
-@pytest.mark.parametrize("ramp", [0.0, 3.0])
-def test_a_run_names_the_air_of_its_rest(ramp):
-    scene = guy({**WIND, "ramp": ramp}, time={"duration": 0.2, "interval": 0.1})
-    run = cp.chain.simulate(
-        scene, step=1e-3, scheme="trapezoidal", outputs=("position", "tension_extremes", "tension_peaks")
-    )
-    results = {"summary": cp.summary(scene), "chain_rest": cp.chain.rest(scene), "chain": run}
-    study = xr.DataTree.from_dict(results)
-    text = _report.answers_text(study)
-    windy, still = (float(results["summary"][f"tension_upper_{ending}"]) for ending in ("mean_wind", "still_air"))
-    rest, air, other = (
-        (still, "still air, from which the wind rises", f"in the mean wind: {1e-3 * windy:.5g} kN at the upper end")
-        if ramp
-        else (
-            windy,
-            "mean wind of 25 m/s at 10 m above the ground",
-            f"in still air: {1e-3 * still:.5g} kN at the upper end",
-        )
-    )
-    assert f"{1e-3 * rest:.5g} kN at the upper\n" in text
-    # 20 links are not the catenary in still air: the difference in the same air is theirs, 0.1 % at most
-    assert f"continuous cable in {air}; the chain of 20 links differs by 0.0" in text
-    assert other in text
-    found = _report.answers(study)
-    assert (found["air"], found["tension_upper"]) == (air, rest)
-    assert {"tension_upper_still_air", "frequency_in_plane_mean_wind"} <= set(found)

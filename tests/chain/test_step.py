@@ -4,63 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import scene_with
+from scenes import scene_with, uniform_chain
 
 import cablepod as cp
-from cablepod.cable import _runs as cable_runs
-from cablepod.chain import _scheme as chain_scheme
-from cablepod.chain import _start as chain_start
-from cablepod.chain._explicit import ExplicitChainRun
-from cablepod.chain._implicit import ImplicitChainRun
-from cablepod.discretisation import _chain as lumped_chain
-from cablepod.parameters._from_scene import parameters
-
-
-def test_the_stability_limit_is_where_it_is_predicted(soft):
-    # a straight, weightless chain: its highest axial frequency is the bound itself
-    s = np.linspace(0, 1, 9)
-    jitter = 1e-7 * np.where(np.arange(9) % 2, 1.0, -1.0)
-    jitter[[0, -1]] = 0
-    line = np.stack([4.0 * s + jitter, 0 * s], axis=1)
-    scene = cp.make_scene(
-        {
-            "gravity": 0.0,
-            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": 3.9},
-            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
-            "initial": {"points": line.tolist()},
-            "chain": {"links": 8},
-        }
-    )
-    chain = lumped_chain.chain_of(parameters(scene))
-    limit = chain.step_limit()
-    link = 3.9 / 8
-    assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
-
-    def largest(step):
-        run = ExplicitChainRun(chain, chain_start.start(chain), times=np.array([1000 * step]))
-        return np.abs(run(1 / step).position - line).max()
-
-    assert largest(0.999 * limit) < 1e-5
-    with pytest.raises(cp.RunStopped, match="broke down"):
-        largest(1.01 * limit)
-
-
-@pytest.mark.parametrize("viscosity", [1e-3, 1e-2, 0.1])
-def test_the_stability_limit_with_viscous_links(soft, viscosity):
-    scene = scene_with(soft, motion={}, damping={"link_viscosity": viscosity})
-    chain = lumped_chain.chain_of(parameters(scene))
-    limit = chain.step_limit()
-    assert limit < 2 / chain.highest_frequency()
-    start = chain_start.start(chain)
-    start[1:-1:2] += 1e-9
-
-    def largest(step):
-        run = ExplicitChainRun(chain, start, times=np.array([3000 * step]))
-        return np.abs(run(1 / step).position - start).max()
-
-    assert largest(0.99 * limit) < 1e-8
-    # beyond, the fastest axial mode grows until links go slack
-    assert largest(1.05 * limit) > 1e-6
 
 
 def test_a_step_above_the_limit_is_refused_with_both_numbers(soft):
@@ -126,33 +72,6 @@ def test_a_broken_finite_run_is_stopped_at_the_first_sign(scenes):
     assert sound.attrs["energy_excess"] < 0.01
 
 
-def test_the_remedy_names_other_schemes_only(soft):
-    about = lumped_chain.chain_of(parameters(cp.make_scene(soft))), np.zeros((9, 2)), ""
-    times = np.zeros(1)
-    assert ImplicitChainRun(*about, "trapezoidal", times=times).remedy.startswith("scheme energy_momentum")
-    assert ImplicitChainRun(*about, "energy_momentum", times=times).remedy == "a step half as long"
-    assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about, times=times).remedy
-
-
-def test_excessive_energy_is_warned_of(soft, monkeypatch):
-    # with the limit set to what any motion holds
-    monkeypatch.setattr(chain_scheme, "ENERGY_WARN", 1e-9)
-    with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
-        cp.chain.simulate(cp.make_scene(soft), step=1e-3)
-
-
-@pytest.mark.parametrize("law", ["linear", "green"])
-def test_the_energy_of_links(soft, law):
-    p = parameters(cp.make_scene(soft))
-    chain = lumped_chain.chain_of(p, law=law)
-    stretched = np.linspace(0.0, 1.0, 9)[:, None] * [8.0, 6.0] * 1.1
-    xi = 1.1 * 10.0 / chain.total_length
-    expected = (
-        p.stiffness * chain.total_length * (0.5 * (xi - 1.0) ** 2 if law == "linear" else (xi**2 - 1.0) ** 2 / 8.0)
-    )
-    assert chain.strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
-
-
 def test_a_chaotic_scene_is_warned_of(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     wild = scene.assign(
@@ -205,9 +124,9 @@ def test_the_energy_of_a_velocity_jump_is_that_of_the_axial_wave():
     run = cp.chain.simulate(
         scene, times=[0.0, 0.9 * arrival], step=0.25 * arrival / 800, outputs=("position", "velocity", "tension")
     )
-    chain = lumped_chain.chain_of(parameters(scene))
-    kinetic = 0.5 * (mass * chain.tributary_length[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
-    strain = (run.tension**2 * chain.length / (2 * stiffness)).sum("link")
+    chain = uniform_chain(scene, run)
+    kinetic = 0.5 * (chain.mass[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
+    strain = (run.tension**2 / (2 * chain.stiffness)).sum("link")
     work = run.tension[0, -1] * speed * 0.9 * arrival
     found = float(kinetic + strain[1] - strain[0] - work)
     # 0.9 of the way; the front of a chain is not sharp: a few links of 800
