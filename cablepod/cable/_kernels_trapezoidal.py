@@ -254,6 +254,8 @@ def trapezoidal(
         Damping by ratios, see :class:`cablepod.discretisation._modal_damping.NodalDamping`; it needs `end_rates`.
     wind_places : float array (steps + 1,) or None
         Places of the steps between the samples of the wind.
+    end_rates : float array (steps + 1, 2, dims)
+        Velocities of both ends [m/s]; of no steps where no force depends on velocities.
     tolerance : float
         Tolerance of the last Newton correction [m].
     bound : float
@@ -287,6 +289,7 @@ def trapezoidal(
         s_tangent = np.zeros(shape)
     damping_force, lag = np.zeros(x.shape), modal.half_ratio * velocity_factor * velocity_factor
     is_linear = wind is not None or modal.matrix.size > 0
+    needs_rates = end_rates.size > 0
     iterations, save, has_acceleration = 0, 0, True
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -295,7 +298,7 @@ def trapezoidal(
             assign(saved[save, 2, :, first : first + m], a)
             save += 1
         if low.size > 0:
-            if end_rates is not None:  # of which the viscosity takes the velocities
+            if needs_rates:  # of which the viscosity takes the velocities
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
                 assign(u[:, first : first + m], v)
@@ -311,7 +314,7 @@ def trapezoidal(
             for c in range(dims):
                 _gradient(trial[c], d, scale, unrolled, nodal, g[c])
             _products(g, g, square)
-            if end_rates is not None:
+            if needs_rates:
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i + 1, 0, c], end_rates[i + 1, 1, c]
                     for j in range(m):

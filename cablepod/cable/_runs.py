@@ -245,7 +245,7 @@ class _CableStepper(ImplicitStepper):
             self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios,
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
             _factors(self.varying, time), *rate_dampings(p), self.modal, *attached, *wind, rows, columns,
-            end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
+            end_table.reshape(rows.size, time.size), p.end_positions(time if needs_rates else time[:0], 1), step,
             max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound,
             start, time.size - 1, save, self.saved[at : at + save.size], self.element, self.rows, low, high, self.slack,
         )  # fmt: skip

@@ -28,14 +28,16 @@ SCENE: dict[str, Any] = {
     },
     "ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0]},
     "motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 4.0}}},
-    "damping": {"mass_proportional": 0.2},
+    "damping": {"mass_proportional": 0.2, "tension_proportional": 2e-3},
     "time": {"duration": 3.0, "interval": 0.25},
     "segment": PARTS,
     "attachment": ATTACHED,
     "wind": {"speed": WIND, "direction": [1.0, 0.0], "profile": "uniform", "air_density": AIR_DENSITY},
 }
-ELEMENTS = 12
-OUTPUTS = ("position", "tension")
+#: Elements of order 1, with parts, bodies and wind: all quick tests have these, for which one kernel of each scheme is compiled.
+ELEMENTS = {"elements": 12, "order": 1}
+#: As good as still air.
+LULL = {"speed": 1e-3, "direction": [1.0, 0.0], "profile": "uniform"}
 
 
 def tables_of_parts(arc_length: np.ndarray, total: float) -> dict[str, np.ndarray]:
@@ -64,7 +66,7 @@ def independent(arc_length: np.ndarray, start: np.ndarray, times: np.ndarray, *,
         g, g_dot = (np.diff(values, axis=0) / length[:, None] for values in (x, v))
         xi = np.linalg.norm(g, axis=1)
         secant = 0.5 * (xi**2 - 1.0) if green else 1.0 - 1.0 / xi + viscosity * (g * g_dot).sum(axis=1) / xi**2
-        pull = (parts["stiffness"] * secant)[:, None] * g
+        pull = (parts["stiffness"] * secant)[:, None] * (g + 2e-3 * g_dot)
         force = np.zeros_like(x)
         force[:-1] += pull
         force[1:] -= pull
@@ -105,7 +107,7 @@ def test_elements_of_order_one_obey_independent_equations(scheme: str, law: str)
     errors = []
     for step in (5e-4, 2.5e-4):
         run = cp.cable.simulate(
-            scene, elements=ELEMENTS, order=1, law=law, scheme=scheme, step=step, points="nodes", outputs=OUTPUTS
+            scene, law=law, scheme=scheme, step=step, points="nodes", outputs=("position", "tension"), **ELEMENTS
         )
         x = run.position.values
         if not errors:
@@ -124,7 +126,7 @@ def test_elements_of_order_one_obey_independent_equations(scheme: str, law: str)
 
 #: A stay of 100 m and 49 m2/s2 of tension over mass, with a sag of 1/160 and an elasticity that lets explicit steps be long.
 STAY: dict[str, Any] = {
-    "cable": {"youngs_modulus": 2.0e10, "area": 1.0e-3, "density": 8000.0, "horizontal_force": 1.6e5},
+    "cable": {"youngs_modulus": 2.0e10, "area": 1.0e-3, "density": 8000.0, "horizontal_force": 1.6e5, "diameter": 0.01},
     "ends": {"lower": [0.0, 0.0], "upper": [100.0, 30.0]},
 }
 PLACE, DAMPER = 0.05, 5.0e3
@@ -141,6 +143,7 @@ def decay_of(position: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> flo
     return float(decrement / math.hypot(2.0 * math.pi, decrement))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "step"), [("trapezoidal", 0.02), ("velocity_verlet", 2.5e-4)])
 def test_decay_in_time_is_that_of_the_damping_ratio(scheme: str, step: float) -> None:
     attached = {"arc_length": PLACE, "damper": DAMPER, "direction": "normal"}
@@ -161,16 +164,16 @@ def test_decay_in_time_is_that_of_the_damping_ratio(scheme: str, step: float) ->
 
 @pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
 def test_stiff_damper_holds_its_point_in_every_scheme(scheme: str) -> None:
-    stiff = [{"arc_length": 0.5, "damper": 1e9, "direction": [0.0, 1.0]}]
-    tables = {name: table for name, table in SCENE.items() if name not in ("wind", "segment")}
-    scene = cp.make_scene({**tables, "attachment": stiff})
-    run = cp.cable.simulate(scene, elements=4, scheme=scheme, step=1e-3 if scheme == "trapezoidal" else None, points=41)
+    stiff = {"arc_length": 0.5, "damper": 1e9, "direction": [0.0, 1.0]}
+    scene = cp.make_scene({**SCENE, "attachment": [ATTACHED[0], stiff]})
+    run = cp.cable.simulate(scene, scheme=scheme, step=1e-3 if scheme == "trapezoidal" else None, points=41, **ELEMENTS)
     moved = (run.position - run.position[0]).isel(coordinate=1)
     assert np.abs(moved[:, 20]).max() < 1e-6
     assert np.abs(moved[:, 10]).max() > 1e-3
     assert float(run.attrs["energy_excess"]) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
 def test_spring_draws_a_cable_of_another_length_to_its_rest(scheme: str) -> None:
     # the start is that of another length; the spring has its rest where the cable of the scene has it, and holds energy
@@ -196,21 +199,18 @@ def test_spring_draws_a_cable_of_another_length_to_its_rest(scheme: str) -> None
 
 def test_damping_ratios_hold_with_a_mass_and_a_spring() -> None:
     ratio = 0.02
-    attached = [{"arc_length": 0.4, "mass": 200.0}, {"arc_length": 0.8, "spring": 2e4, "direction": "normal"}]
-    scene = {**STAY, "attachment": attached, "time": {"duration": 30.0, "interval": 0.02}, "damping": {"ratio": ratio}}
+    attached = [
+        {"arc_length": 0.4, "mass": 200.0, "drag_area": 1e-6},
+        {"arc_length": 0.8, "spring": 2e4, "direction": "normal"},
+    ]
+    tables = {"segment": [{"to": 0.5, "diameter": 0.02}, {"diameter": 0.01}], "attachment": attached, "wind": LULL}
+    scene = {**STAY, **tables, "time": {"duration": 30.0, "interval": 0.02}, "damping": {"ratio": ratio}}
     vibration = cp.cable.frequencies(cp.make_scene(scene), count=1, law="linear", points=201)
-    rest = cp.cable.rest(cp.make_scene(scene), law="linear", points=201).position.values
+    options = {"law": "linear", "elements": 60, "order": 1, "points": 201}
+    rest = cp.cable.rest(cp.make_scene(scene), **options).position.values
     shape = vibration.mode_shape.values[0]
     scene["initial"] = {"points": (rest + 0.01 * shape).tolist()}
-    run = cp.cable.simulate(
-        cp.make_scene(scene),
-        law="linear",
-        elements=6,
-        scheme="trapezoidal",
-        step=0.01,
-        points=201,
-        outputs=("position",),
-    )
+    run = cp.cable.simulate(cp.make_scene(scene), scheme="trapezoidal", step=0.01, outputs=("position",), **options)
     found = decay_of(run.position.values - rest, shape, np.gradient(run.arc_length.values))
     assert found == pytest.approx(ratio, rel=0.01)
 
@@ -218,8 +218,8 @@ def test_damping_ratios_hold_with_a_mass_and_a_spring() -> None:
 @pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
 def test_extremes_are_those_of_all_steps(scheme: str) -> None:
     run = cp.cable.simulate(
-        cp.make_scene(SCENE), elements=5, scheme=scheme, step=2e-4, times=2e-4 * np.arange(400), points=21, law="linear",
-        outputs=("tension", "tension_extremes"),
+        cp.make_scene(SCENE), scheme=scheme, step=2e-4, times=2e-4 * np.arange(400), points=21, law="linear",
+        outputs=("tension", "tension_extremes"), **ELEMENTS,
     )  # fmt: skip
     np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-9)
     np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-9)
@@ -227,7 +227,7 @@ def test_extremes_are_those_of_all_steps(scheme: str) -> None:
 
 
 def test_results_have_the_masses_of_their_particles() -> None:
-    options: dict[str, Any] = {"elements": 5, "step": 2e-4, "times": [0.0, 0.1, 0.2], "law": "linear"}
+    options: dict[str, Any] = ELEMENTS | {"step": 2e-4, "times": [0.0, 0.1, 0.2], "law": "linear"}
     run = cp.cable.simulate(cp.make_scene(SCENE), points=41, **options)
     total, mass = float(run.arc_length[-1]), run.particle_mass.values
     # 45 % of 1 kg/m, the rest of 2.5 kg/m, and a body of 2 kg
@@ -237,5 +237,5 @@ def test_results_have_the_masses_of_their_particles() -> None:
     )  # ends of segments within a link
     by_mass, by_length = (cp.pod.decompose(run, rank=2, weights=weights) for weights in ("mass", "length"))
     assert abs(by_mass.mode_shape - by_length.mode_shape).max() > 1e-3
-    plain = {name: table for name, table in SCENE.items() if name not in ("segment", "attachment")}
+    plain = {name: SCENE[name] for name in ("cable", "ends", "motion")}
     assert "particle_mass" not in cp.cable.simulate(cp.make_scene(plain), points=41, **options).coords
