@@ -84,15 +84,19 @@ def rates(t, state, *, free_upper=False):
     return np.concatenate([np.ravel(inner[1]), np.ravel(force[moved] / mass[moved, None])])
 
 
-@pytest.mark.parametrize("free_upper", [slow(False), slow(True)])
-def test_every_term_at_once(free_upper):
+@pytest.mark.parametrize(
+    ("options", "free_upper"),
+    [slow({}, False), slow({}, True), ({"scheme": "trapezoidal", "step": 5e-5}, False)],
+    ids=["default", "free end", "trapezoidal"],
+)
+def test_every_term_at_once(options, free_upper):
     mapping = dict(SCENE)
     if free_upper:
         mapping["ends"] = {**SCENE["ends"], "free": "upper"}
         mapping["motion"] = {"lower": SCENE["motion"]["lower"]}
     scene = cp.make_scene(mapping)
     times = np.linspace(0, 3, 7)
-    run = cp.chain.simulate(scene, times=times, outputs=("position",))
+    run = cp.chain.simulate(scene, times=times, outputs=("position",), **options)
     start = run.position.values[0, 1 : 6 if free_upper else 5]
     solved = solve_ivp(
         lambda t, y: rates(t, y, free_upper=free_upper),
@@ -116,7 +120,8 @@ def test_the_start_is_at_rest_under_the_loads_of_the_start(monkeypatch):
 moving = ends
 
 
-@pytest.mark.parametrize("scheme", ["trapezoidal", slow("generalized_alpha"), slow("energy_momentum")])
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["trapezoidal", "generalized_alpha", "energy_momentum"])
 def test_every_term_at_once_of_members_in_lanes(scheme):
     scene = cp.make_scene(SCENE)
     damping = scene["damping_mass_proportional"]

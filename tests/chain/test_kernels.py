@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 from scenes import pulled, scene_with
+from suite import slow
 
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
@@ -24,6 +25,7 @@ from cablepod.chain import _start as chain_start
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.chain._kernels_arguments import Chain, Sizes
+from cablepod.chain._lanes import LANES
 from cablepod.discretisation._chain import chain_of
 from cablepod.integrate import _march as march
 from cablepod.parameters._from_scene import parameters
@@ -34,10 +36,9 @@ KERNELS = {"energy_momentum": kernel_energy_momentum, "generalized_alpha": kerne
 # --- solver and equations ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize(("dims", "lanes"), [(2, 1), (3, 1), (2, LANES), slow(3, LANES)])
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 7, 40])
 @pytest.mark.parametrize("first", [0, 1])
-@pytest.mark.parametrize("lanes", [1, 3])
 def test_block_elimination_against_a_dense_solution(dims, m, first, lanes):
     rng = np.random.default_rng(m + dims)
     pairs = [(i, j) for i in range(dims) for j in range(i, dims)]
