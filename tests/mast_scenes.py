@@ -24,8 +24,29 @@ WIND: dict[str, Any] = {
 }  # fmt: skip
 
 
-def small(change: Any = lambda mapping: None) -> Any:
-    """The small mast, changed in place by a function of its nested tables."""
+def small_tables(change: Any) -> dict[str, Any]:
+    """The nested tables of the small mast, changed in place by a function of them."""
     mapping = copy.deepcopy(SMALL)
     change(mapping)
-    return cp.make_scene(mapping)
+    return mapping
+
+
+def small(change: Any = lambda mapping: None) -> Any:
+    """The small mast, changed in place by a function of its nested tables."""
+    return cp.make_scene(small_tables(change))
+
+
+def windy(mapping: dict[str, Any]) -> None:
+    """Put gusts in the place of the load."""
+    mapping["wind"] = WIND
+    mapping["mast"]["drag_area"] = 0.3
+    del mapping["mast"]["load"]
+
+
+def two_sections_in_wind(mapping: dict[str, Any]) -> None:
+    """Give the mast two sections and a load, in steady wind along neither axis."""
+    mapping["wind"] = {**WIND, "direction": [0.6, 0.0, 0.8], "profile": "power", "exponent": 0.2, "ground": -1.0}
+    del mapping["wind"]["turbulence"]
+    mapping["mast"]["drag_area"] = 0.3
+    mapping["mast"]["section"] = [{"from": 0.0, "to": 12.0, "mass": 35.0, "bending_stiffness": 6e6, "drag_area": 0.4}]
+    mapping["mast"]["load"] = [{"level": 30.0, "force": [300.0, 0.0, -150.0]}]

@@ -21,9 +21,11 @@ def as_toml(value: Any) -> str:
 
 
 def printed(folder: Path, tables: dict[str, Any], command: str = "check", *options: str) -> str:
-    """Return what a command prints of the scene of these tables, whose file is kept in a folder."""
+    """Return what a command prints of the scene of these tables; its file is kept in a folder, and results below `out`."""
     path = folder / "scene.toml"
     path.write_text("".join(f"{name} = {as_toml(table)}\n" for name, table in tables.items()))
+    if command == "run":
+        options += ("--out", str(folder / "out"), "--overwrite")
     with contextlib.redirect_stdout(io.StringIO()) as out:
         assert main([command, str(path), *options]) == 0
     return out.getvalue()

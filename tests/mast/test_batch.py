@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, small
+from mast_scenes import small, windy
 
 import cablepod as cp
 from cablepod.errors import MemberFailedWarning, OutOfRangeWarning, SceneError
 
 OUTPUTS = ("displacement", "guy_tension", "guy_force", "bending_moment", "extremes")
-
-
-def windy(mapping):
-    mapping["wind"] = WIND
-    mapping["mast"]["drag_area"] = 0.3
-    del mapping["mast"]["load"]
 
 
 def varied(scene, **values):

@@ -11,7 +11,6 @@ from mast_scenes import SMALL, WIND, small
 import cablepod as cp
 from cablepod import examples
 from cablepod.errors import SceneError
-from cablepod.parameters._mast import mast_parameters
 
 
 def test_shipped_masts_are_read():
@@ -35,12 +34,18 @@ def test_key_paths_have_two_forms():
 
 
 def test_sections_override_the_mast():
-    def change(mapping):
-        mapping["mast"]["section"] = [{"from": 10.0, "to": 20.0, "bending_stiffness": 8.0e6}]
-
-    sections = mast_parameters(small(change)).sections
-    np.testing.assert_array_equal(sections[:, :3], [[0, 10, 4e6], [10, 20, 8e6], [20, 30, 4e6]])
-    np.testing.assert_array_equal(sections[:, 3], 20.0)
+    # one section with its own stiffness is three that say all
+    bounds, stiffness = (0.0, 10.0, 20.0, 30.0), (4e6, 8e6, 4e6)
+    every = [
+        {"from": low, "to": high, "bending_stiffness": each, "mass": 20.0}
+        for low, high, each in zip(bounds, bounds[1:], stiffness, strict=False)
+    ]
+    middle, all_three, none = (
+        cp.mast.frequencies(small(put(("mast", "section"), sections)), count=4).angular_frequency
+        for sections in ([{"from": 10.0, "to": 20.0, "bending_stiffness": 8e6}], every, [])
+    )
+    np.testing.assert_array_equal(middle, all_three)
+    assert float(abs(middle / none - 1.0).max()) > 1e-3
 
 
 def test_archive_keeps_a_scene(tmp_path):

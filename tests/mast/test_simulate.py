@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, small
+from mast_scenes import WIND, small, windy
 from suite import slow
 
 import cablepod as cp
 from cablepod import provenance
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError
-from cablepod.mast._condensed_guy import guy_set, sines
-from cablepod.mast._guys import static_guys
-from cablepod.parameters._mast import mast_parameters
-
-
-def windy(mapping):
-    mapping["wind"] = WIND
-    mapping["mast"]["drag_area"] = 0.3
-    del mapping["mast"]["load"]
 
 
 def undamped(mapping):
@@ -32,43 +23,12 @@ def rms(run, reference, name="guy_tension"):
     return (difference / reference[name].std("time")).values
 
 
-def condensed(scene, rank):
-    """The guys of a scene on the straight mast: exact catenaries and condensed models."""
-    guys = static_guys(mast_parameters(scene))
-    return guys, guy_set(guys, [guy.p.upper for guy in guys], (sines(rank), sines(rank)))
-
-
-def test_forces_of_guys_are_the_slopes_of_their_energy():
-    _, guys = condensed(small(), 3)
-    rng = np.random.default_rng(1)
-    upper = guys.upper + np.array([0.1, 0.0, -0.2])
-    q = guys.rest(guys.upper) + 0.1 * rng.normal(size=(3, 6))
-    forces = np.concatenate(guys.forces(q, upper), axis=1)
-    step = 1e-5
-    for place in range(9):
-        change = np.zeros(9)
-        change[place] = step
-        high = guys.energy(q + change[:6], upper + change[6:])
-        low = guys.energy(q - change[:6], upper - change[6:])
-        assert (
-            np.abs(forces[:, place] + (high - low) / (2.0 * step)).max() < 1e-3
-        )  # N: rounding of the energy over the step
-
-
 def test_compiled_forces_at_rest_are_those_of_the_model():
     """The rest is that of the model in numpy: with other forces in the kernel a mast under a constant load would move."""
     load = {"level": 30.0, "force": [1000.0, 0.0, 400.0]}
     run = cp.mast.simulate(small(lambda mapping: mapping["mast"].update(load=[load])), rank=3)
     assert float(np.ptp(run.guy_tension.values, axis=0).max()) < 1e-9 * float(run.guy_tension.max())
     assert float(np.ptp(run.displacement.values, axis=0).max()) < 1e-9 * float(abs(run.displacement).max())
-
-
-def test_condensed_guys_at_rest_pull_as_catenaries_do():
-    # sixteen sines: the error is that of order "leading", the square of the slopes
-    exact, guys = condensed(small(), 16)
-    forces = guys.forces(guys.rest(guys.upper), guys.upper)[1]
-    for guy, force in zip(exact, forces, strict=True):
-        np.testing.assert_allclose(force, guy.force()[0], atol=1e-4 * np.abs(force).max())
 
 
 def test_condensed_guys_are_as_good_as_chains_after_a_pull():
@@ -354,25 +314,6 @@ def test_archive_keeps_a_run(tmp_path):
     read = cp.archive.read(tmp_path / "run.nc")
     assert read.equals(run)
     assert [stage["function"] for stage in provenance.stages_of(read)] == ["make_scene", "mast.simulate"]
-
-
-def test_members_and_ensembles_are_single_runs(tmp_path):
-    scene = small()
-    members = cp.ensemble.design(scene, {"guy.1.top_tension": [4500.0, 5500.0]}, members=2, sampling="grid")
-    both = cp.mast.simulate(members)
-    single = cp.mast.simulate(members.isel(member=1, drop=True))
-    np.testing.assert_allclose(
-        both.guy_tension.isel(member=1), single.guy_tension, rtol=1e-9
-    )  # abreast: up to rounding
-    kept = cp.ensemble.run(members, tmp_path / "masts", model="mast")
-    np.testing.assert_array_equal(kept.guy_tension_maximum.values, both.guy_tension_maximum.values)
-
-
-def test_fatigue_of_guys_follows():
-    run = cp.mast.simulate(small())
-    ranges = cp.fatigue.equivalent(run.guy_tension)
-    assert ranges.dims == ("guy",)
-    assert float(ranges.min()) > 0.0
 
 
 @pytest.mark.parametrize(

@@ -7,17 +7,12 @@ import re
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, small
+from mast_scenes import SMALL, small, small_tables, windy
+from printed import printed
 
 import cablepod as cp
 from cablepod import lineage
-from cablepod.cli._mast import as_json, check_text, text
 from cablepod.errors import ArchiveError
-
-
-def windy(mapping):
-    mapping["wind"] = WIND
-    del mapping["mast"]["load"]
 
 
 def test_a_study_has_the_numbers_of_its_parts(tmp_path):
@@ -70,21 +65,21 @@ def test_spectra_of_tensions_are_drawn():
     assert len(ax.lines) >= 2
 
 
-def test_buckling_after_a_break_is_told():
+def test_buckling_after_a_break_is_told(tmp_path):
     def breaking(mapping, levels):
         mapping["guy"] = [{**mapping["guy"][0], "count": 4, "level": level} for level in levels]
         mapping["guy"][0].update(breaks=1.0, breaks_number=2)
 
     for levels, falls in (((28.0, 15.0), False), ((28.0,), True)):
-        scene = small(lambda mapping, levels=levels: breaking(mapping, levels))
-        rest = cp.mast.rest(scene)
+        tables = small_tables(lambda mapping, levels=levels: breaking(mapping, levels))
+        rest = cp.mast.rest(cp.make_scene(tables))
         factor = float(rest.buckling_factor_after_break)
         assert np.isnan(factor) == falls
-        (line,) = [line for line in check_text(scene).splitlines() if "without guys that break" in line]
+        (line,) = [line for line in printed(tmp_path, tables).splitlines() if "without guys that break" in line]
         assert line.endswith("none: the mast falls" if falls else f" {factor:.4g}")
         assert not 0.95 * float(rest.buckling_factor) < factor
     assert "buckling_factor_after_break" not in cp.mast.rest(small())
-    assert "without guys" not in check_text(small())
+    assert "without guys" not in printed(tmp_path, SMALL)
 
 
 def without_time(mapping):
@@ -106,15 +101,19 @@ def test_a_refused_mast_leaves_no_file(tmp_path, change, key):
     assert not (tmp_path / "out").exists()
 
 
-def test_ratios_with_a_guy_that_breaks_are_noted_and_refused_with_a_remedy_of_the_scene():
-    scene = small(lambda mapping: (windy(mapping), stale_ratios(mapping)))
-    assert "damping.ratio: refused by run and design, whose guys are chains with guy.1.breaks" in check_text(scene)
+def test_ratios_with_a_guy_that_breaks_are_noted_and_refused_with_a_remedy_of_the_scene(tmp_path):
+    tables = small_tables(lambda mapping: (windy(mapping), stale_ratios(mapping)))
+    scene, note = (
+        cp.make_scene(tables),
+        "damping.ratio: refused by run and design, whose guys are chains with guy.1.breaks",
+    )
+    assert note in printed(tmp_path, tables)
     remedy = r"^damping\.ratio: given 0\.01; allowed: none with guys \"chain\"; try: damping\.mass_proportional"
     with pytest.raises(cp.SceneError, match=remedy):
         cp.study.run(scene)
     with pytest.raises(cp.SceneError, match=remedy):  # not RunStopped, after the storms
         cp.study.design(scene, directions=[0.0], speeds=[10.0], storms=1)
-    assert "damping" not in check_text(small(windy))
+    assert "damping" not in printed(tmp_path, small_tables(windy))
 
 
 def test_the_row_of_a_guy_says_when_it_breaks(tmp_path):
@@ -122,13 +121,16 @@ def test_the_row_of_a_guy_says_when_it_breaks(tmp_path):
         windy(mapping)
         mapping["guy"][0].update(breaks=2.0, breaks_number=2)
 
-    study = cp.study.run(small(change), tmp_path / "out")
-    rows = {
-        line.split()[0]: line for line in text(study, tmp_path / "out").splitlines() if re.match(r" +[123] +28 ", line)
-    }
+    tables = small_tables(change)
+    lines = printed(tmp_path, tables, "run").splitlines()
+    rows = {line.split()[0]: line for line in lines if re.match(r" +[123] +28 ", line)}
     assert rows["2"].endswith("  breaks at 2 s")
     assert not any("breaks" in rows[guy] for guy in ("1", "3"))
-    assert [row.get("breaks") for row in json.loads(as_json(study))["guys"]] == [None, 2.0, None]
+    assert [row.get("breaks") for row in json.loads(printed(tmp_path, tables, "run", "--json"))["guys"]] == [
+        None,
+        2.0,
+        None,
+    ]
 
 
 def printed_numbers(line):
@@ -138,12 +140,10 @@ def printed_numbers(line):
 
 
 def test_shear_and_reactions_are_printed(tmp_path):
-    scene = small(windy)
-    study = cp.study.run(scene, tmp_path / "out")
-    lines = text(study, tmp_path / "out").splitlines()
+    lines = printed(tmp_path, small_tables(windy), "run").splitlines()
     (shear,), (forces,) = ([line for line in lines if word in line] for word in (" shear ", "force on the foundation"))
     names = ("shear_force", "foot_force", "anchor_force", "axial_compression")
-    run = cp.mast.simulate(scene, outputs=names)
+    run = cp.mast.simulate(small(windy), outputs=names)
     sizes = np.sqrt((run.shear_force**2).sum("coordinate")).max(["time", "end"])
     (largest,) = printed_numbers(shear)
     assert largest == pytest.approx(float(sizes.max()), rel=1e-3)  # four digits
@@ -154,7 +154,7 @@ def test_shear_and_reactions_are_printed(tmp_path):
     expected = [run.axial_compression[:, 0].max(), horizontal, anchors.max()]
     np.testing.assert_allclose(printed_numbers(forces), expected, rtol=1e-3)
     assert f"on the anchor of guy {int(anchors.values.argmax()) + 1} " in forces
-    found = json.loads(as_json(study))["answers"]
+    found = json.loads(printed(tmp_path, small_tables(windy), "run", "--json"))["answers"]
     assert found["largest_foot_force_downwards"] == pytest.approx(float(expected[0]), rel=1e-12)
     assert not any(line.startswith("note:") for line in lines)
 
@@ -162,15 +162,16 @@ def test_shear_and_reactions_are_printed(tmp_path):
 def test_statistics_around_a_break_are_noted_with_the_call_for_those_after_it(tmp_path):
     def change(mapping):
         windy(mapping)
+        del mapping["mast"]["drag_area"]
         mapping["guy"].append({**mapping["guy"][0], "level": 15.0, "breaks": 2.0, "breaks_number": 2})
 
     scene = small(change)
-    study = cp.study.run(scene, tmp_path / "out")
-    (note,) = [line for line in text(study, tmp_path / "out").splitlines() if line.startswith("note:")]
+    lines = printed(tmp_path, small_tables(change), "run").splitlines()
+    (note,) = [line for line in lines if line.startswith("note:")]
     assert "before and after the break at 2 s" in note
     after = eval(note.rsplit("the part after it: ", 1)[1], {"cp": cp, "scene": scene})
     assert float(after.guy_tension_maximum.isel(guy=4)) == 0.0  # it is broken from the start of the window on
-    motion = study["motion"].to_dataset()
+    motion = cp.archive.read(tmp_path / "out" / "motion.nc")
     assert float(motion.guy_tension_maximum.isel(guy=4)) > 1000.0
     late = motion.guy_tension.sel(time=slice(2.0, None))
     np.testing.assert_allclose(after.guy_tension_mean, late.mean("time"), rtol=0.05, atol=1.0)  # all steps, or outputs

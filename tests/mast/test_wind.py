@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, small
+from mast_scenes import WIND, small, windy
 
 import cablepod as cp
 from cablepod.errors import SceneError
-from cablepod.mast import _condensed_run
-from cablepod.mast._runs import MastCase
-
-
-def windy(mapping):
-    mapping["wind"] = WIND
-    mapping["mast"]["drag_area"] = 0.3
-    del mapping["mast"]["load"]
 
 
 @pytest.fixture(scope="module")
@@ -131,23 +123,3 @@ def test_rest_with_a_record_is_in_the_mean_of_the_record(field, tmp_path):
 def test_other_fields_are_refused(scene, field, change, text):
     with pytest.raises(SceneError, match=rf"^wind: .*({text}).*"):
         cp.mast.simulate(scene, wind=change(field))
-
-
-def test_drag_is_held_over_two_short_steps():
-    options = dict.fromkeys(("rank", "links", "times", "step", "tolerance", "window", "wind"))
-    model = MastCase(small(windy), None, guys="condensed", outputs=("guy_tension",), **options).model
-    assert [model.steps_of_drag(factor * model.default_step) for factor in (0.5, 1.0, 1.2)] == [2, 2, 1]
-
-
-def test_held_drag_keeps_the_second_order(scene, monkeypatch):
-    """Drag at the start of both steps, or of rates at another instant, has the first order: a ratio of two."""
-
-    def tension(steps):
-        return cp.mast.simulate(scene, step=0.04 / steps).guy_tension.values
-
-    runs = [tension(steps) for steps in (4, 8)]
-    monkeypatch.setattr(_condensed_run, "STEPS_OF_DRAG", 1)
-    fine = tension(32)
-    coarse, half = (np.sqrt(((run - fine) ** 2).mean(axis=0)).max() for run in runs)
-    assert 3.3 < coarse / half < 4.7
-    assert np.abs(runs[0] - tension(4)).max() > 0.0
