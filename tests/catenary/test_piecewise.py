@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from references import hanging_mass_mpmath as reference
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 
 import cablepod as cp
-from cablepod.catenary._piecewise_solve import solve_pieces
-from cablepod.catenary._statics import piecewise_statics, solve_statics
-from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._parameters import Segment
 
 MP = reference.MP
 SPAN, RISE, GRAVITY = 20.4, 57.7, 9.81
@@ -73,15 +69,14 @@ SLACK = {"unstretched_length": 75.0, "horizontal_force": 200.0}
 @pytest.mark.parametrize("name", HUNG)
 @pytest.mark.parametrize(("key", "value"), [*GIVEN.items(), *SLACK.items()])
 def test_hanging_mass_and_parts_by_the_closed_form(name: str, key: str, value: float) -> None:
-    p = parameters(scene(HUNG[name], **{key: value}))
-    solved = piecewise_statics(p, key, value)
-    start = [*solved.force, solved.total]
+    rest = cp.catenary.rest(scene(HUNG[name], **{key: value}))
+    force, below = float(rest.horizontal_force), float(rest.tension_lower)
+    vertical = math.copysign(math.sqrt(below**2 - force**2), float(rest.position[1, 1] - rest.position[0, 1]))
+    start = [force, vertical, float(rest.unstretched_length)]
     h, v0, v1, length = reference.solve(parts_of(name), SPAN, RISE, key, value, start)
-    lower, upper = MP.hypot(h, v0), MP.hypot(h, v1)
-    expected = np.array([length, h, lower, upper], dtype=float)
-    np.testing.assert_allclose(
-        solved.columns[[0, 2, 4, 5]], expected, rtol=RTOL if key == "unstretched_length" else 1e-13
-    )
+    expected = np.array([length, h, MP.hypot(h, v0), MP.hypot(h, v1)], dtype=float)
+    found = [float(rest[each]) for each in ("unstretched_length", "horizontal_force", "tension_lower", "tension_upper")]
+    np.testing.assert_allclose(found, expected, rtol=RTOL if key == "unstretched_length" else 1e-13)
 
 
 def test_mass_on_a_level_cable_hangs_at_the_kink_and_rest_tells_its_shape() -> None:
@@ -129,50 +124,71 @@ def in_space(seed: int) -> Any:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_loads_in_several_directions_by_an_ode_solver(seed: int) -> None:
-    p = parameters(cp.make_scene(in_space(seed)))
-    solved = piecewise_statics(p, "unstretched_length", p.length_value)
-    position, force = np.zeros(3), solved.force
-    borders = [0.0, 0.2 * solved.total, 0.7 * solved.total, solved.total]
-    masses = sorted((item.fraction(solved.total) * solved.total, item.mass) for item in p.attachments)
-    stretched = 0.0
-    for first, last in itertools.pairwise(sorted([*borders, *(place for place, _ in masses)])):
-        segment = p.segments[int(np.searchsorted(borders, 0.5 * (first + last))) - 1]
-        load = np.array([3.0, -segment.mass * GRAVITY, -7.0])
+    """Integrate along the cable from its lower end, and seek the force there that leads to the upper one."""
+    tables = in_space(seed)
+    rest = cp.catenary.rest(cp.make_scene(tables), points=33)
+    total, places = tables["cable"]["unstretched_length"], rest.arc_length.values[:-1]
+    borders = np.array([0.0, 0.2, 0.7, 1.0]) * total
+    first, second = tables["attachment"]
+    masses = {first["arc_length"] * total: first["mass"], total - 3.0: second["mass"]}
 
-        def slope(s: float, y: np.ndarray) -> np.ndarray:
-            here = force - load * (s - first)  # noqa: B023
-            tension = np.sqrt(here @ here)
-            return np.append(here / tension + here / segment.stiffness, 1.0 + tension / segment.stiffness)  # noqa: B023
+    def shoot(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and stretched length at the places and the upper end (places + 1, 4), and the force there."""
+        state, found = np.zeros(4), []
+        for low, high in itertools.pairwise(sorted({*borders, *masses})):
+            part = CABLE | tables["segment"][int(np.searchsorted(borders, 0.5 * (low + high))) - 1]
+            stiffness = part["youngs_modulus"] * part["area"]
+            load = np.array([3.0, -part["density"] * part["area"] * GRAVITY, -7.0])
 
-        end = solve_ivp(
-            slope, (first, last), np.append(position, stretched), method="DOP853", rtol=1e-12, atol=1e-12
-        ).y[:, -1]
-        position, stretched = end[:3], end[3]
-        at_end = solved.at(np.array([last]))
-        np.testing.assert_allclose(at_end[0][0], position, rtol=0.0, atol=1e-9)  # tolerance of the ODE solver, 50 m
-        force = force - load * (last - first)
-        np.testing.assert_allclose(at_end[1][0], force, rtol=0.0, atol=1e-9)
-        force = force + np.array([0.0, sum(mass * GRAVITY for place, mass in masses if place == last), 0.0])
-    np.testing.assert_allclose(position, np.subtract(*p.initial_ends[::-1]), rtol=0.0, atol=1e-9)
-    assert solved.columns[1] == pytest.approx(stretched, rel=1e-11)
-    for key, column in (("top_tension", 5), ("bottom_tension", 4), ("horizontal_force", 2)):
-        again = solve_pieces(p, key, float(solved.columns[column]), "cable")
-        assert again.columns[column] == pytest.approx(solved.columns[column], rel=1e-12)
-        assert again.total <= solved.total * (1.0 + 1e-12)  # the shorter one of two
+            def slope(s: float, _: np.ndarray) -> np.ndarray:
+                here = force - load * (s - low)  # noqa: B023
+                tension = np.sqrt(here @ here)
+                return np.append(here / tension + here / stiffness, 1.0 + tension / stiffness)  # noqa: B023
+
+            at = np.append(places[(places >= low) & (places < high)], high)
+            values = solve_ivp(slope, (low, high), state, "DOP853", at, rtol=1e-12, atol=1e-12).y.T
+            found += [*values[:-1]]
+            state = values[-1]
+            force = force - load * (high - low) + [0.0, masses.get(high, 0.0) * GRAVITY, 0.0]
+        return np.array([*found, state]), force
+
+    ends = np.subtract(tables["ends"]["upper"], tables["ends"]["lower"])
+    along = np.diff(rest.position.values[:2], axis=0)[0]
+    guess = float(rest.tension_lower) * along / np.linalg.norm(along)
+    below = root(lambda force: shoot(force)[0][-1, :3] - ends, guess, tol=1e-13).x
+    expected, above = shoot(below)
+    np.testing.assert_allclose(rest.position, expected[:, :3], rtol=0.0, atol=1e-9)  # tolerance of the ODE solver, 50 m
+    # rounding of positions is worth up to K/T of it in the forces of a taut cable
+    assert float(rest.tension_lower) == pytest.approx(np.linalg.norm(below), rel=1e-8)
+    assert float(rest.tension_upper) == pytest.approx(np.linalg.norm(above), rel=1e-8)
+    assert float(rest.stretched_length) == pytest.approx(expected[-1, 3], rel=1e-11)
+    for key, name in (("top_tension", "tension_upper"), ("bottom_tension", "tension_lower"), ("horizontal_force",) * 2):
+        cable = {**CABLE, key: float(rest[name])}
+        again = cp.catenary.rest(cp.make_scene({**tables, "cable": cable}))
+        assert float(again[name]) == pytest.approx(float(rest[name]), rel=1e-12)
+        assert float(again.unstretched_length) <= total * (1.0 + 1e-12)  # the shorter one of two
+
+
+#: Parts that differ in a diameter alone, on which nothing depends in still air.
+EQUAL = {"segment": [{"to": 0.3, "diameter": 0.01}, {"diameter": 0.02}]}
+NUMBERS = ("unstretched_length", "stretched_length", "horizontal_force", "tension_lower", "tension_upper")
+
+
+def assert_parts_change_nothing(key: str, value: float, rtol: float) -> Any:
+    """Compare the cable of equal parts with the uniform one, which is returned."""
+    uniform, cut = (cp.catenary.rest(scene(tables, **{key: value})) for tables in ({}, EQUAL))
+    for name in NUMBERS:
+        np.testing.assert_allclose(cut[name], uniform[name], rtol=rtol, err_msg=name)
+    return uniform
 
 
 @pytest.mark.parametrize("length", [60.0, 61.156, 61.3, 65.0, 300.0])
 def test_equal_parts_are_a_uniform_cable(length: float) -> None:
-    p = parameters(scene({}, unstretched_length=length))
-    part = Segment(0.0, 0.3, p.stiffness, p.area, p.mass, p.weight, None, 1.2, None)
-    cut = replace(p, segments=(part, replace(part, start=0.3, end=1.0)))
-    uniform = solve_statics(p, "unstretched_length", length)
-    np.testing.assert_allclose(solve_statics(cut, "unstretched_length", length), uniform, rtol=RTOL)
-    for key, column in (("top_tension", 5), ("bottom_tension", 4), ("horizontal_force", 2)):
-        expected = solve_statics(p, key, float(uniform[column]))
-        np.testing.assert_allclose(solve_statics(cut, key, float(uniform[column])), expected, rtol=1e-13)
+    uniform = assert_parts_change_nothing("unstretched_length", length, RTOL)
+    for key, name in (("top_tension", "tension_upper"), ("bottom_tension", "tension_lower"), ("horizontal_force",) * 2):
+        assert_parts_change_nothing(key, float(uniform[name]), 1e-13)
     with pytest.raises(cp.SceneError, match=r"^cable\.top_tension: given 500\.0; allowed: at least 628\.132 N"):
-        solve_statics(cut, "top_tension", 500.0)
+        scene(EQUAL, top_tension=500.0)
 
 
 def test_ice_grows_after_tensioning() -> None:
@@ -255,11 +271,8 @@ def test_sag_is_that_of_the_rest_and_gives_the_length() -> None:
     x, y = rest.position.values.T
     # points of 15 mm near the largest distance, of a curvature of 1e-2 or less
     assert (RISE / SPAN * x - y).max() == pytest.approx(0.8, abs=1e-5)
-    p = parameters(scene({}, unstretched_length=61.3))
-    part = Segment(0.0, 0.3, p.stiffness, p.area, p.mass, p.weight, None, 1.2, None)
-    cut = replace(p, segments=(part, replace(part, start=0.3, end=1.0)))
     for sag in (0.01, 0.5, 20.0):
-        np.testing.assert_allclose(solve_statics(cut, "sag", sag), solve_statics(p, "sag", sag), rtol=RTOL)
+        assert_parts_change_nothing("sag", sag, RTOL)
     with pytest.raises(cp.SceneError, match=r"^cable\.sag: given 0\.5; allowed: a tension or a length"):
         cp.make_scene(
             {
@@ -275,14 +288,18 @@ def test_each_segment_expands_by_its_own_coefficient() -> None:
     """Lengths, mass and stiffness of the parts; a mass keeps its place on the parts."""
     warm = {"to": 0.25, "thermal_expansion": 2e-5, "density": 9000.0}
     tables = {"segment": [warm, {}], "attachment": [{"arc_length": 0.25, "mass": MASS}], "temperature": 60.0}
-    p = parameters(scene(tables, unstretched_length=61.3, thermal_expansion=1.2e-5))
-    lengths = 61.3 * np.array([0.25 * (1.0 + 40.0 * 2e-5), 0.75 * (1.0 + 40.0 * 1.2e-5)])
-    assert p.length_value == pytest.approx(lengths.sum(), rel=1e-15)
-    shares = np.array([part.end - part.start for part in p.segments])
-    np.testing.assert_allclose(shares, lengths / lengths.sum(), rtol=1e-14)
-    masses = shares * lengths.sum() * [part.mass for part in p.segments]
-    np.testing.assert_allclose(masses, 61.3 * 1.25e-4 * np.array([0.25 * 9000.0, 0.75 * 8000.0]), rtol=1e-14)
-    assert p.attachments[0].fraction(lengths.sum()) == pytest.approx(p.segments[0].end, rel=1e-15)
+    factors = np.array([1.0 + 40.0 * 2e-5, 1.0 + 40.0 * 1.2e-5])
+    lengths = 61.3 * np.array([0.25, 0.75]) * factors
+    border = lengths[0] / lengths.sum()
+    by_hand = {
+        "segment": [{"to": border, "density": 9000.0 / factors[0]}, {"density": 8000.0 / factors[1]}],
+        "attachment": [{"arc_length": border, "mass": MASS}],
+    }
+    found = cp.catenary.rest(scene(tables, unstretched_length=61.3, thermal_expansion=1.2e-5))
+    expected = cp.catenary.rest(scene(by_hand, unstretched_length=float(lengths.sum())))
+    for name in NUMBERS:
+        np.testing.assert_allclose(found[name], expected[name], rtol=RTOL, err_msg=name)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=1e-11)
     cold = cp.catenary.rest(scene({**tables, "temperature": 20.0}, top_tension=15000.0, thermal_expansion=1.2e-5))
     assert float(cold.tension_upper) == pytest.approx(15000.0, rel=1e-12)
     hot = cp.catenary.rest(scene(tables, top_tension=15000.0, thermal_expansion=1.2e-5))

@@ -9,9 +9,7 @@ import pytest
 from references import catenary_mpmath as reference
 
 import cablepod as cp
-from cablepod.catenary._sag import sag_of
 
-MP = reference.MP
 #: Span, rise [m], load [N/m], stiffness [N], unstretched over chord: taut to slack, level and steep, stiff and soft.
 CABLES = [
     (100.0, 0.0, 9.81, 2e7, 0.9995),
@@ -19,27 +17,12 @@ CABLES = [
     (100.0, 0.0, 9.81, 2e7, 3.0),
     (20.4, 57.7, 9.8125, 2e7, 0.999),
     (20.4, -57.7, 9.8125, 2e7, 1.02),
-    (20.4, 57.7, 9.8125, 2e7, 1.5),
+    (20.4, 57.7, 9.8125, 2e7, 1.2),
     (400.0, 150.0, 25.0, 8e7, 0.998),
     (1.0, 50.0, 4.0, 1e6, 1.001),
     (8.0, 6.0, 9.81, 2e3, 0.8),
     (8.0, 6.0, 0.01, 1e9, 0.99999),
 ]
-
-
-def exact(a, b, q, k, length):
-    """Return the cable of fifty digits, its sag below the chord, and the forces; the sag is sought, not from a formula."""
-    cable = reference.from_length(a, b, q, k, length)
-
-    def slope(s):  # of the distance below the chord, over the load
-        return cable.force * MP.mpf(b) / a - cable.vertical(s)
-
-    low, high = MP.mpf(0), MP.mpf(length)
-    for _ in range(220):
-        middle = (low + high) / 2
-        low, high = (middle, high) if slope(middle) > 0 else (low, middle)
-    x, y = cable.position(low)
-    return cable, x * MP.mpf(b) / a - y
 
 
 def scene_of(a, b, q, k, sag, **tables):
@@ -50,9 +33,10 @@ def scene_of(a, b, q, k, sag, **tables):
 @pytest.mark.parametrize("case", CABLES, ids=str)
 def test_a_sag_gives_the_cable_of_fifty_digits(case):
     a, b, q, k, ratio = case
-    length = ratio * math.hypot(a, b)
-    cable, sag = exact(a, b, q, k, length)
-    rest = cp.catenary.rest(scene_of(a, b, q, k, float(sag)))
+    cable = reference.from_length(a, b, q, k, ratio * math.hypot(a, b))
+    sag = reference.sag(cable)
+    scene = scene_of(a, b, q, k, float(sag))
+    rest = cp.catenary.rest(scene)
     # a rounding of the sag, and one of the length times K/T, the condition of the forces on the length
     for name, value in zip(
         ("unstretched_length", "horizontal_force", "tension_lower", "tension_upper"),
@@ -60,22 +44,21 @@ def test_a_sag_gives_the_cable_of_fifty_digits(case):
         strict=True,
     ):
         assert float(abs(float(rest[name]) / value - 1)) < 1e-12, name
-    plane, statics = (a, b, math.hypot(a, b), q), [float(number) for number in cable.solution()]
-    assert sag_of(plane, k, statics) == pytest.approx(float(sag), rel=1e-11)  # rounded forces of taut cables
+    assert float(cp.summary(scene)["sag_below_chord"]) == pytest.approx(
+        float(sag), rel=1e-11
+    )  # rounded forces of taut cables
 
 
 @pytest.mark.parametrize("sag", [1e-6, 1e-3, 1.0, 30.0, 1e4, 1e8])
 def test_the_sag_of_the_result_is_the_given_one(sag):
     rest = cp.catenary.rest(scene_of(30.0, 40.0, 9.81, 1e12, sag))
-    force = float(rest["horizontal_force"])  # which has the condition of the sag, where a length has K/T times that
-    solved = cp.catenary.solve(30.0, 40.0, 9.81, 1e12, horizontal_force=force)
-    statics = [float(number) for number in solved.values()]
-    assert sag_of((30.0, 40.0, 50.0, 9.81), 1e12, statics) == pytest.approx(sag, rel=1e-12)
+    # of its force, which has the condition of the sag, where a length has K/T times that
+    cable = reference.from_quantity(30.0, 40.0, 9.81, 1e12, 2, float(rest["horizontal_force"]))
+    assert float(reference.sag(cable)) == pytest.approx(sag, rel=1e-12)
 
 
 def test_a_summary_tells_both_sags():
     numbers = cp.summary(scene_of(30.0, 40.0, 9.81, 2e7, 0.7))
-    assert float(numbers["sag_below_chord"]) == pytest.approx(0.7, rel=1e-12)
     assert float(numbers["sag"]) == pytest.approx(0.6 * 0.7, rel=1e-12)  # cosine of the chord's inclination
 
 

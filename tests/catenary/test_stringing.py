@@ -11,6 +11,7 @@ import xarray as xr
 from references import catenary_mpmath as reference
 
 import cablepod as cp
+from cablepod import lineage
 
 ALPHA = 2.3e-5
 LEVEL = {
@@ -31,18 +32,6 @@ def scene(**tables):
     return cp.make_scene({**copy.deepcopy(LEVEL), **copy.deepcopy(tables)})
 
 
-def sag_of(cable, a, b):
-    """Largest distance below the chord of a cable of fifty digits, by bisection of its slope."""
-    MP = reference.MP
-    low, high = MP.mpf(0), cable.length
-    for _ in range(220):
-        middle = (low + high) / 2
-        is_before = cable.force * MP.mpf(b) / a > cable.vertical(middle)
-        low, high = (middle, high) if is_before else (low, middle)
-    x, y = cable.position(low)
-    return x * MP.mpf(b) / a - y
-
-
 @pytest.mark.parametrize("ends", [[400.0, 0.0], [300.0, 120.0]])
 def test_tables_are_those_of_fifty_digits(ends):
     MP, (a, b) = reference.MP, ends
@@ -56,7 +45,7 @@ def test_tables_are_those_of_fifty_digits(ends):
             "tension_upper": exact.tension(exact.length),
             "horizontal_force": exact.force,
             "unstretched_length": exact.length,
-            "sag": sag_of(exact, a, b),
+            "sag": reference.sag(exact),
         }
         for name, value in expected.items():
             assert float(abs(float(table[name][k]) / value - 1)) < 1e-11, name  # 1e-10 is asked for
@@ -114,14 +103,12 @@ def test_the_temperature_of_the_scene_is_left_aside():
 
 
 def test_a_table_is_archived_and_made_again(tmp_path, monkeypatch):
-    from cablepod.archive import _lineage
-
     monkeypatch.chdir(tmp_path)  # the script writes what it makes
     table = cp.catenary.stringing(scene(), [0.0, 20.0], cases={"ice": {"ice": ICE}})
     cp.archive.write(table, tmp_path / "table.nc")
     again = cp.archive.read(tmp_path / "table.nc")
     xr.testing.assert_identical(again.drop_attrs(), table.drop_attrs())
-    script = _lineage.script(again)
+    script = lineage.script(again)
     assert "catenary.stringing(" in script
     exec(compile(script, "script", "exec"), {})  # it checks itself
 

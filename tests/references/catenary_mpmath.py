@@ -251,3 +251,14 @@ def least(a, b, q, stiffness, which):
             low = length
     cable = from_length(a, b, q, k, low)
     return cable, _quantity(cable, which)[0]
+
+
+def sag(cable):
+    """Largest distance below the chord, at the place where the cable has its slope: sought by bisection."""
+    low, high = MP.mpf(0), cable.length
+    for _ in range(220):
+        middle = (low + high) / 2
+        before = cable.force * cable.b / cable.a > cable.vertical(middle)
+        low, high = (middle, high) if before else (low, middle)
+    x, y = cable.position(low)
+    return x * cable.b / cable.a - y
