@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import pytest
 import xarray as xr
-from scenes import everything, full_modes
+from scenes import full_modes
 
 import cablepod as cp
 from cablepod import errors
-from cablepod.batch import _members as members
-from cablepod.batch._stack import MemberResults
-from cablepod.condensed._assembly import unit_of
-from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._rescale import rescaled_model, same_structure
 from cablepod.errors import OutOfRangeWarning
-from cablepod.parameters._from_scene import parameters
 
 
 def joined(soft, **varied):
@@ -27,17 +19,6 @@ def joined(soft, **varied):
 
 
 # --- side by side -------------------------------------------------------------------------------------------------------
-
-
-def test_any_number_of_threads_gives_the_same_bits(soft):
-    scenes = joined(soft, cable_top_tension=np.linspace(200.0, 300.0, 7))
-    runs = []
-    for count in (1, 2, 5):
-        with members.thread_limit(count):
-            runs.append(cp.chain.simulate(scenes, step=1e-3))
-    xr.testing.assert_identical(runs[0], runs[1])
-    xr.testing.assert_identical(runs[0], runs[2])
-    assert [run.attrs["id"] for run in runs[1:]] == [runs[0].attrs["id"]] * 2
 
 
 def test_what_differs_between_members_is_not_an_attribute(soft):
@@ -83,50 +64,6 @@ def test_progress_counts_members(soft):
 
 
 # --- condensed models -----------------------------------------------------------------------------------------------------
-
-
-def other(soft, dims):
-    """A scene of the same kind in which every number differs."""
-    first = everything(soft, dims)
-    second = copy.deepcopy(first)
-    second["cable"] |= {"youngs_modulus": 7e7, "area": 1.3e-3, "density": 800.0, "top_tension": 450.0}
-    second["ends"]["upper"] = [value + 0.7 for value in second["ends"]["upper"]]
-    second["damping"]["mass_proportional"] = 0.3
-    second["load"]["uniform"] = [1.5 * value for value in second["load"]["uniform"]]
-    second["point_load"][0]["force"] = [2.0 * value for value in second["point_load"][0]["force"]]
-    second["motion"]["lower"]["y"]["amplitude"] = 0.01
-    return first, second
-
-
-@pytest.mark.parametrize("order", ["leading", "inertial"])
-@pytest.mark.parametrize("dims", [2, 3])
-def test_coefficients_scaled_from_the_unit_cable_are_the_scenes_own(soft, dims, order):
-    modes = full_modes(dims=dims)
-    p, q = (parameters(cp.make_scene(item)) for item in other(soft, dims))
-    assert same_structure(p, q)
-    scaled = rescaled_model(unit_of(p, modes, rank=3, order=order, law="linear"), q)
-    own = CondensedModel(scaled.chain, order, scaled.modes)  # its coefficients are computed from the modes
-    names = (
-        "mass", "shapes", "slopes", "load_patterns", "chordwise_force_patterns", "mean_chordwise_forces",
-        "chordwise_forces_at_candidates", "geometric_stiffness", "geometric_stiffness_norms", "load_projection", "inertia",
-    )  # fmt: skip
-    # they differ by the rounding of some ten operations
-    for name in names:
-        np.testing.assert_allclose(
-            getattr(scaled, name),
-            getattr(own, name),
-            rtol=1e-12,
-            atol=1e-13 * np.abs(getattr(own, name)).max(initial=0.0),
-            err_msg=name,
-        )
-    np.testing.assert_allclose(scaled.spectral_basis[1], own.spectral_basis[1], rtol=1e-12)
-    np.testing.assert_allclose(
-        scaled.spectral_basis[0][0],
-        own.spectral_basis[0][0],
-        rtol=1e-12,
-        atol=1e-12 * np.abs(own.spectral_basis[0][0]).max(),
-    )
-    np.testing.assert_allclose(scaled.initial()[0], own.initial()[0], rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
@@ -182,11 +119,3 @@ def test_one_warning_for_all_members_out_of_range(soft):
     ) as caught:
         cp.condensed.simulate(scenes, full_modes(), rank=2, order="leading", step=1e-3, outputs=())
     assert len([item for item in caught if item.category is OutOfRangeWarning]) == 1
-
-
-def test_attributes_are_in_the_order_of_the_members_whichever_ends_first():
-    results = MemberResults(3)
-    for i, names in ((2, ("a", "c")), (0, ("a", "b", "c")), (1, ("d", "a"))):
-        results.store(i, {}, dict.fromkeys(names, float(i)))
-    assert results.attribute_names == ["a", "b", "c", "d"]
-    assert list(results.attrs) != results.attribute_names  # as they came

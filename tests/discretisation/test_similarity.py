@@ -8,8 +8,6 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.discretisation import _similarity as similarity
-from cablepod.parameters._from_scene import parameters
 
 
 def guy(**changes):
@@ -25,10 +23,10 @@ def guy(**changes):
     return cp.make_scene({**tables, **changes})
 
 
-def numbers(scene, end_time=5.0):
-    length = float(cp.chain.rest(scene)["unstretched_length"])
-    values = similarity.features(parameters(scene), length, end_time)
-    return dict(zip(similarity.FEATURES, values, strict=True)), length
+def numbers(scene):
+    """Features of a run of 5 s by name, and the unstretched length."""
+    run = cp.chain.simulate(scene, step=2e-4, times=[0.0, 5.0])
+    return dict(zip(run.feature.values, run.scene_feature.values, strict=True)), float(run.unstretched_length)
 
 
 def test_features_of_a_taut_level_guy():
@@ -113,7 +111,7 @@ def test_a_training_scene_is_inside_also_after_netcdf(tmp_path):
     assert (run.attrs["outside_training"], run.attrs["outside_training_feature"]) == (0.0, "none")
     other = cp.galerkin.simulate(shipped.scene("example4"), modes, rank=2, times=times, step=1e-3)
     assert other.attrs["outside_training"] > 0.1
-    assert other.attrs["outside_training_feature"] in similarity.FEATURES
+    assert other.attrs["outside_training_feature"] in chain.feature
     assert cp.archive.read(cp.archive.write(other, tmp_path / "other.nc")).attrs["outside_training"] == pytest.approx(
         other.attrs["outside_training"], rel=1e-12
     )
