@@ -7,56 +7,25 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from references.free_decay import LENGTH, MASS, STIFFNESS, TENSION, decay_of, string_from_mode
 from suite import slow
 
 import cablepod as cp
 
-LENGTH, TENSION, MASS, STIFFNESS = 50.0, 20000.0, 1.0, 2.0e7
 #: Damping ratios of some per cent in all six modes.
-ALPHA, BETA = 0.1, 1.0e-3
+ALPHA, BETA, LINKS = 0.1, 1.0e-3, 60
+DAMPING = {"mass_proportional": ALPHA, "tension_proportional": BETA}
 
 
-def string(mode, *, spatial=False, links=60, law="linear", duration=None):
-    """Make a taut string without weight that starts from a mode, and its angular frequency in the chain."""
-    lower, upper = ([0.0, 0.0, 0.0], [LENGTH, 0.0, 0.0]) if spatial else ([0.0, 0.0], [LENGTH, 0.0])
-    sigma = np.linspace(0.0, 1.0, links + 1)
-    # the amplitude is so small that the tension stays that of the straight string: of the order of 1e-6 of it
-    shape = 1e-3 / mode * np.sin(mode * np.pi * sigma)
-    points = np.zeros((links + 1, len(lower)))
-    points[:, 0], points[:, -1] = LENGTH * sigma, shape
-    scene = cp.make_scene(
-        {
-            "gravity": 0.0,
-            "cable": {"youngs_modulus": STIFFNESS, "area": 1.0, "density": MASS, "top_tension": TENSION},
-            "ends": {"lower": lower, "upper": upper},
-            "chain": {"links": links},
-            "initial": {"points": points.tolist()},
-            "damping": {"mass_proportional": ALPHA, "tension_proportional": BETA},
-            "time": {"duration": duration or 1.0, "interval": 0.01},
-        }
-    )
-    length = float(cp.catenary.rest(scene).unstretched_length)
-    reach, natural = LENGTH / links, length / links
-    # links of the length `reach` under TENSION, masses of the unstretched length
-    omega = 2.0 * math.sqrt(TENSION / reach / (MASS * natural)) * math.sin(mode * math.pi / (2 * links))
-    return scene, omega
+def string(mode, links=LINKS, **options):
+    """The taut string that starts from a mode, with its shape, see :mod:`references.free_decay`."""
+    return string_from_mode(mode, DAMPING, links=links, **options)
 
 
-def decay(run, mode):
-    """Fit rate of decay [1/s] and angular frequency [rad/s] to the amplitude of a mode."""
-    from scipy.optimize import curve_fit
-
-    sigma = np.linspace(0.0, 1.0, run.sizes["particle"])
-    amplitude = run.position.values[:, :, -1] @ np.sin(mode * np.pi * sigma)
-    time = run.time.values
-    amplitude = amplitude / amplitude[0]
-
-    def damped(t, rate, omega, c, s):
-        return np.exp(-rate * t) * (c * np.cos(omega * t) + s * np.sin(omega * t))
-
-    spectrum = np.abs(np.fft.rfft(amplitude, 16 * amplitude.size))
-    guess = 2 * np.pi * np.argmax(spectrum) / (16 * amplitude.size * (time[1] - time[0]))
-    return curve_fit(damped, time, amplitude, p0=(0.1, guess, 1.0, 0.0))[0][:2]
+def frequency_of(mode):
+    """Angular frequency in the chain: links of the length `reach` under tension, masses of the unstretched length [rad/s]."""
+    reach, natural = LENGTH / LINKS, LENGTH / (1.0 + TENSION / STIFFNESS) / LINKS
+    return 2.0 * math.sqrt(TENSION / reach / (MASS * natural)) * math.sin(mode * math.pi / (2 * LINKS))
 
 
 def expected(omega):
@@ -66,25 +35,25 @@ def expected(omega):
 
 @pytest.mark.parametrize("mode", range(1, 7))
 def test_modes_of_a_taut_string_decay_as_rayleigh_says(mode):
-    scene, omega = string(mode)
-    rate, found = decay(cp.chain.simulate(scene, tolerance=1e-5, outputs=("position",)), mode)
-    assert found == pytest.approx(omega, rel=1e-3)
+    scene, shape = string(mode)
+    rate, omega = decay_of(cp.chain.simulate(scene, tolerance=1e-5, outputs=("position",)), shape)
+    assert omega == pytest.approx(frequency_of(mode), rel=1e-3)
     assert rate == pytest.approx(expected(omega), rel=5e-3)
 
 
 @pytest.mark.parametrize("scheme", ["trapezoidal", slow("generalized_alpha"), slow("energy_momentum")])
 @pytest.mark.parametrize("spatial", [False, slow(True)])
 def test_implicit_schemes_damp_alike(scheme, spatial):
-    scene, omega = string(4, spatial=spatial)
-    rate, _ = decay(cp.chain.simulate(scene, scheme=scheme, step=5e-4), 4)
+    scene, shape = string(4, spatial=spatial)
+    rate, omega = decay_of(cp.chain.simulate(scene, scheme=scheme, step=5e-4), shape)
     assert rate == pytest.approx(expected(omega), rel=5e-3)
 
 
 @pytest.mark.slow
 def test_law_21_damps_alike():
-    scene, _ = string(3)
-    rate, found = decay(cp.chain.simulate(scene, law="green", step=1.5e-4), 3)
-    assert rate == pytest.approx(expected(found), rel=5e-3)
+    scene, shape = string(3)
+    rate, omega = decay_of(cp.chain.simulate(scene, law="green", step=1.5e-4), shape)
+    assert rate == pytest.approx(expected(omega), rel=5e-3)
 
 
 @pytest.mark.parametrize("scheme", [None, "trapezoidal"])
@@ -99,11 +68,10 @@ def test_second_order_remains(scheme):
 @pytest.mark.parametrize("spatial", [False, True])
 @pytest.mark.parametrize("mode", [1, 3, 6])
 def test_the_condensed_model_damps_alike(mode, spatial):
-    scene, omega = string(mode, spatial=spatial)
-    modes = cp.condensed.vibration_modes(scene, rank=6)
-    run = cp.condensed.simulate(scene, modes, tolerance=1e-5)
-    rate, found = decay(run, mode)
-    assert found == pytest.approx(omega, rel=2e-3)
+    scene, shape = string(mode, spatial=spatial)
+    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=6), tolerance=1e-5)
+    rate, omega = decay_of(run, shape)
+    assert omega == pytest.approx(frequency_of(mode), rel=2e-3)
     assert rate == pytest.approx(expected(omega), rel=5e-3)
     assert 0.0 < run.attrs["error_estimate"] < 0.05  # of the motion: a mode of the string that the model has
 

@@ -66,9 +66,9 @@ def amplitude_of(run: xr.Dataset, shape: np.ndarray) -> np.ndarray:
     return amplitude / np.abs(amplitude).max()
 
 
-def ratio_of(run: xr.Dataset, shape: np.ndarray) -> float:
-    """Fit the damping ratio to the decay of the part of the motion along a shape (particle, coordinate)."""
-    time, amplitude = run.time.values, amplitude_of(run, shape)
+def decay_of(run: xr.Dataset, shape: np.ndarray) -> tuple[float, float]:
+    """Fit rate of decay [1/s] and angular frequency [rad/s] to the part of the motion along a shape (particle, coordinate)."""
+    time, amplitude = run.time.values - float(run.time[0]), amplitude_of(run, shape)
 
     def damped(t, rate, omega, c, s, rest):
         return np.exp(-rate * t) * (c * np.cos(omega * t) + s * np.sin(omega * t)) + rest
@@ -76,4 +76,10 @@ def ratio_of(run: xr.Dataset, shape: np.ndarray) -> float:
     spectrum = np.abs(np.fft.rfft(amplitude * np.hanning(amplitude.size), 16 * amplitude.size))
     guess = 2 * np.pi * np.argmax(spectrum) / (16 * amplitude.size * (time[1] - time[0]))
     rate, omega = curve_fit(damped, time, amplitude, p0=(0.02 * guess, guess, 1.0, 0.0, 0.0))[0][:2]
-    return float(rate / np.hypot(rate, omega))
+    return float(rate), float(omega)
+
+
+def ratio_of(run: xr.Dataset, shape: np.ndarray) -> float:
+    """Fit the damping ratio to the decay of the part of the motion along a shape (particle, coordinate)."""
+    rate, omega = decay_of(run, shape)
+    return rate / float(np.hypot(rate, omega))
