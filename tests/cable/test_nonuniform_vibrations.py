@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from printed import printed
-from references.damped_string import roots_with_damper
-from scipy.optimize import brentq
+from references.damped_string import roots_of_two_parts, roots_with_damper, roots_with_mass, roots_with_spring
 
 import cablepod as cp
 
@@ -48,42 +46,22 @@ def damper(place: float, eta: float, direction: Any = "normal") -> dict[str, Any
     return {"arc_length": place, "damper": eta * math.sqrt(TENSION * MASS), "direction": direction}
 
 
-def roots_between(function: Callable[[float], float], count: int) -> np.ndarray:
-    """Return the first roots of a function of beta l / pi."""
-    grid = np.linspace(0.01, count + 1.5, 3000)
-    values = np.array([function(place) for place in grid])
-    found = [
-        brentq(function, *grid[k : k + 2], xtol=1e-14)
-        for k in np.flatnonzero(values[:-1] * values[1:] < 0.0)
-    ]  # fmt: skip
-    return np.array(found[:count])
-
-
 @pytest.mark.parametrize(("place", "ratio"), [(0.5, 1.0), (0.3, 0.2), (0.05, 5.0)])
 def test_mass_on_a_string(place: float, ratio: float) -> None:
-    def misfit(n: float) -> float:
-        beta = n * math.pi
-        return math.sin(beta) - ratio * beta * math.sin(beta * place) * math.sin(beta * (1.0 - place))
-
-    exact = roots_between(misfit, 3)
+    exact = roots_with_mass(place, ratio, 3)
     if place == 0.5:
-        assert exact == pytest.approx([0.5477054, 2.0, 2.1808164], abs=1e-7)
+        assert exact / math.pi == pytest.approx([0.5477054, 2.0, 2.1808164], abs=1e-7)
     attached = {"arc_length": place, "mass": ratio * MASS * LENGTH}
     found = cp.cable.frequencies(string(attachment=[attached]), count=3, elements=40, law="linear")
-    assert found.angular_frequency.values == pytest.approx(exact * math.pi * SPEED / LENGTH, rel=RTOL)
+    assert found.angular_frequency.values == pytest.approx(exact * SPEED / LENGTH, rel=RTOL)
     assert "damping_ratio" not in found
 
 
 def test_string_of_two_parts() -> None:
     place, ratio = 0.3, 4.0
-
-    def misfit(n: float) -> float:
-        first, second = n * math.pi * place, n * math.pi * (1.0 - place) * math.sqrt(ratio)
-        return math.cos(first) * math.sin(second) + math.sqrt(ratio) * math.sin(first) * math.cos(second)
-
     segments = [{"to": place}, {"density": ratio * DENSITY}]
     found = cp.cable.frequencies(string(segment=segments), count=5, elements=40, law="linear")
-    exact = roots_between(misfit, 5) * math.pi * SPEED / LENGTH
+    exact = roots_of_two_parts(place, ratio, 5) * SPEED / LENGTH
     assert found.angular_frequency.values == pytest.approx(exact, rel=RTOL)
     # elements end where segments do, so that few are as good
     coarse = cp.cable.frequencies(string(segment=segments), count=5, elements=8, law="linear")
@@ -92,17 +70,10 @@ def test_string_of_two_parts() -> None:
 
 def test_spring_on_a_string() -> None:
     place, spring = 0.2, 500.0
-
-    def misfit(n: float) -> float:
-        beta = n * math.pi
-        pull = spring * LENGTH / TENSION * math.sin(beta * place) * math.sin(beta * (1.0 - place))
-        return beta * math.sin(beta) + pull
-
     attached = {"arc_length": place, "spring": spring, "direction": [0.0, 1.0]}
     found = cp.cable.frequencies(string(attachment=[attached]), count=4, law="linear")
-    assert found.angular_frequency.values == pytest.approx(
-        roots_between(misfit, 4) * math.pi * SPEED / LENGTH, rel=RTOL
-    )
+    exact = roots_with_spring(place, spring * LENGTH / TENSION, 4)
+    assert found.angular_frequency.values == pytest.approx(exact * SPEED / LENGTH, rel=RTOL)
 
 
 @pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.05, 0.3), (0.1, 3.0)])

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq, curve_fit
+from references.damped_string import roots_of_two_parts, roots_with_damper, roots_with_mass
+from references.free_decay import ratio_of
 from suite import slow, slow_but
 
 import cablepod as cp
@@ -69,36 +70,29 @@ def assert_second_order(errors: list[float], least: float) -> None:
         assert coarse / fine == pytest.approx(4.0, rel=0.05)  # the next order
 
 
-@pytest.mark.parametrize(("mode", "expected"), [(0, 0.5477054), (1, 2.0), (2, 2.1808164)])
-def test_frequencies_with_a_mass(mode: int, expected: float) -> None:
-    """Theory of a mass M = m l in the middle: sin b l = (M / m) b sin(b a) sin(b (l - a))."""
-    table = [{"arc_length": 0.5, "mass": MASS * LENGTH}]
-    errors = [vibrations(string(links, attachment=table))[0][mode] / FIRST - expected for links in (20, 40, 80)]
-    assert_second_order(errors, 1e-3)
+def test_frequencies_with_a_mass() -> None:
+    table, expected = [{"arc_length": 0.5, "mass": MASS * LENGTH}], roots_with_mass(0.5, 1.0, 3)
+    found = [vibrations(string(links, attachment=table))[0][:3] / FIRST * math.pi for links in (20, 40, 80)]
+    for mode in range(3):
+        assert_second_order([float(each[mode] - expected[mode]) for each in found], 3e-3)
 
 
 def test_damping_ratio_with_a_damper_near_the_end() -> None:
-    """Theory of a damper: sin b l + i eta sin(b a) sin(b (l - a)) = 0; a / l = 0.02, kappa = 1."""
+    """At a / l = 0.02, with kappa = 1."""
     damper = math.sqrt(TENSION * MASS) / (math.pi * 0.02)
     table = [{"arc_length": 0.02, "damper": damper, "direction": "normal"}]
-    errors = [vibrations(string(links, attachment=table))[1][0] - 0.01021147 for links in (50, 100, 200)]
+    (root,) = roots_with_damper(0.02, 1.0 / (math.pi * 0.02), 1)
+    exact = root.imag / abs(root)
+    errors = [vibrations(string(links, attachment=table))[1][0] - exact for links in (50, 100, 200)]
     assert_second_order(errors, 1e-6)
     coarse = vibrations(string(12, attachment=table))[1][0]  # the first link is a quarter of the others
-    assert coarse == pytest.approx(0.01021147, rel=0.02)
+    assert coarse == pytest.approx(exact, rel=0.02)
 
 
 def test_frequencies_of_two_parts() -> None:
-    """Theory: sqrt(m1) cos t1 sin t2 + sqrt(m2) sin t1 cos t2 = 0, t1 = w a sqrt(m1 / T), t2 = w (l - a) sqrt(m2 / T)."""
-    other, place = 3.0 * MASS, 0.37
-
-    def misfit(omega: float) -> float:
-        t1 = omega * place * LENGTH * math.sqrt(MASS / TENSION)
-        t2 = omega * (1.0 - place) * LENGTH * math.sqrt(other / TENSION)
-        return math.sqrt(MASS) * math.cos(t1) * math.sin(t2) + math.sqrt(other) * math.sin(t1) * math.cos(t2)
-
-    grid = FIRST * np.linspace(0.1, 2.0, 400)
-    exact = [brentq(misfit, a, b) for a, b in itertools.pairwise(grid) if misfit(a) * misfit(b) < 0.0]
-    parts = [{"to": place}, {"density": other * STRETCH}]
+    place = 0.37
+    exact = roots_of_two_parts(place, 3.0, 2) / LENGTH * math.sqrt(TENSION / MASS)
+    parts = [{"to": place}, {"density": 3.0 * MASS * STRETCH}]
     for mode in range(2):
         errors = [vibrations(string(links, segment=parts))[0][mode] / exact[mode] - 1.0 for links in (20, 40, 80)]
         assert abs(errors[-1]) < 5e-4  # the border lies at another place of its link for each number
@@ -127,16 +121,7 @@ def decay(scheme: str, mode: int, place: float, damper: float) -> tuple[float, f
     nearest = int(np.abs(omega - mode * FIRST).argmin())
     run = cp.chain.simulate(scene, scheme=scheme, step=2e-6, outputs=("position",))
     assert run.attrs["scheme"] == scheme
-    history = run.position.values[:, :, 1] @ shape
-
-    def decaying(time: np.ndarray, a: float, b: float, zeta: float, frequency: float) -> np.ndarray:
-        wave = a * np.cos(frequency * time) + b * np.sin(frequency * time)
-        return np.asarray(wave * np.exp(-zeta * frequency * time))
-
-    found, _ = curve_fit(
-        decaying, run.time.values, history, p0=[history[0], 0.0, ratio[nearest] + 1e-3, omega[nearest]]
-    )
-    return float(found[2]), float(ratio[nearest])
+    return ratio_of(run, np.stack([0.0 * shape, shape], axis=1)), float(ratio[nearest])
 
 
 @pytest.mark.parametrize("scheme", [slow("velocity_verlet"), *SCHEMES])

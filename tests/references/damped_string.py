@@ -1,8 +1,15 @@
-"""Vibrations of a taut string with a damper to the ground, by the roots of its characteristic equation."""
+"""Vibrations of a taut string of two parts, or with a damper, a mass or a spring, by the roots of its characteristic equation.
+
+Roots are beta l, with the angular frequency over the speed of the wave for beta; `place` is a / l.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy import cos, sin
+from scipy.optimize import brentq
 
 
 def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
@@ -18,3 +25,31 @@ def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
             change = place * np.cos(one) * np.sin(two) + (1.0 - place) * np.sin(one) * np.cos(two)
             roots = roots - misfit / (np.cos(roots) + 1j * value * change)
     return roots
+
+
+def _roots(misfit: Callable, count: int) -> np.ndarray:
+    """Return the first roots of a function."""
+    grid = np.linspace(0.03, np.pi * (count + 1.5), 3000)
+    change = np.flatnonzero(misfit(grid[:-1]) * misfit(grid[1:]) < 0.0)
+    return np.array([brentq(misfit, grid[k], grid[k + 1], xtol=1e-14) for k in change[:count]])
+
+
+def roots_with_mass(place: float, ratio: float, count: int) -> np.ndarray:
+    """Return roots of sin b l = (M / m) b sin(b a) sin(b (l - a)); `ratio` is M over the mass of the string."""
+    return _roots(lambda b: sin(b) - ratio * b * sin(b * place) * sin(b * (1.0 - place)), count)
+
+
+def roots_with_spring(place: float, stiffness: float, count: int) -> np.ndarray:
+    """Return roots of b l sin b l + (k l / T) sin(b a) sin(b (l - a)) = 0; `stiffness` is k l / T."""
+    return _roots(lambda b: b * sin(b) + stiffness * sin(b * place) * sin(b * (1.0 - place)), count)
+
+
+def roots_of_two_parts(place: float, ratio: float, count: int) -> np.ndarray:
+    """Return roots of the first part: cos t1 sin t2 + sqrt(ratio) sin t1 cos t2 = 0, t1 = b a, t2 = sqrt(ratio) b (l - a).
+
+    `ratio` is the mass per length of the second part over that of the first.
+    """
+    r = np.sqrt(ratio)
+    return _roots(
+        lambda b: cos(b * place) * sin(r * b * (1 - place)) + r * sin(b * place) * cos(r * b * (1 - place)), count
+    )
