@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from references.chain_ode import Links
 from suite import slow
 
 import cablepod as cp
@@ -39,49 +41,44 @@ SCENE = {
 }
 
 
+TIMES = np.linspace(0.0, 3.0, 7)
+
+
 def ends(t):
+    """Positions and velocities of both ends."""
     s = min(t / 1.3, 1.0)
-    lower = np.array([1.0, -2.0, 0.5 + 0.2 * (np.sin(3 * t + 0.7) - np.sin(0.7))])
-    upper = np.array([7.0 + 0.4 * (6 * s**5 - 15 * s**4 + 10 * s**3), 5.0 + 0.05 * t - 0.02 * t * t, 3.0])
+    lower = [1.0, -2.0, 0.5 + 0.2 * (np.sin(3 * t + 0.7) - np.sin(0.7))]
+    upper = [7.0 + 0.4 * (6 * s**5 - 15 * s**4 + 10 * s**3), 5.0 + 0.05 * t - 0.02 * t * t, 3.0]
     ds = 30 * s**4 - 60 * s**3 + 30 * s**2
-    v_lower = np.array([0.0, 0.0, 0.6 * np.cos(3 * t + 0.7)])
-    v_upper = np.array([0.4 * ds / 1.3, 0.05 - 0.04 * t, 0.0])
-    return lower, upper, v_lower, v_upper
+    return np.array([lower, upper]), np.array(
+        [[0.0, 0.0, 0.6 * np.cos(3 * t + 0.7)], [0.4 * ds / 1.3, 0.05 - 0.04 * t, 0.0]]
+    )
 
 
-def rates(t, state, *, free_upper=False):
-    """Right side of m r'' = P + T_j - T_(j-1) - c m r', link by link."""
+def links(**changes):
+    """The chain of the scene for the integrator of the references."""
     length = np.array(RELATIVE) / sum(RELATIVE) * LENGTH
-    stiffness, density = 3e4, 0.9
-    lower, upper, v_lower, v_upper = ends(t)
-    inner = np.array(state).reshape(2, -1, 3)
-    r = [lower, *inner[0]] + ([] if free_upper else [upper])
-    v = [v_lower, *inner[1]] + ([] if free_upper else [v_upper])
-    force = np.zeros((6, 3))
-    mass = np.zeros(6)
-    for j, rest in enumerate(length):
-        mass[j] += 0.5 * density * rest
-        mass[j + 1] += 0.5 * density * rest
-        gap = r[j + 1] - r[j]
-        size = np.sqrt(gap @ gap)
-        if size > rest:
-            strain_rate = gap @ (v[j + 1] - v[j]) / size / rest
-            tension = max(0.0, stiffness * (size / rest - 1) + stiffness * 0.003 * strain_rate)
-            force[j] += tension * gap / size
-            force[j + 1] -= tension * gap / size
-    for j in range(6):
-        per_length = mass[j] / density
-        force[j] += mass[j] * np.array([0, -9.7, 0]) + per_length * np.array([1.0, 2.0, -3.0]) * 2 * np.sin(5 * t)
-        force[j] -= 0.4 * mass[j] * (np.array(v[j]) if j < len(v) else 0.0)
-    # sigma 0.5: 5.2 m along links of 1.3, 3.9, 2.6, 0.65, 1.95 m lies at the joint of links 2 and 3
-    force[2] += [3.0, -9.0, 1.0]
-    # sigma 0.83: 8.632 m lies 0.182 m along link 5, which begins at 8.45 m
-    share = (0.83 * LENGTH - 8.45) / 1.95
-    pull = np.array([-20.0, 0.0, 5.0]) * 0.5 * (1 - np.cos(2 * t))
-    force[4] += (1 - share) * pull
-    force[5] += share * pull
-    moved = slice(1, 6 if free_upper else 5)
-    return np.concatenate([np.ravel(inner[1]), np.ravel(force[moved] / mass[moved, None])])
+    share = 0.5 * (np.append(length, 0.0) + np.append(0.0, length))
+
+    def loads(t):
+        force = 0.9 * share[:, None] * [0.0, -9.7, 0.0] + share[:, None] * [1.0, 2.0, -3.0] * 2.0 * np.sin(5 * t)
+        # sigma 0.5: 5.2 m along links of 1.3, 3.9, 2.6, 0.65, 1.95 m lies at the joint of links 2 and 3
+        force[2] += [3.0, -9.0, 1.0]
+        # sigma 0.83: 8.632 m lies 0.182 m along link 5, which begins at 8.45 m
+        part = (0.83 * LENGTH - 8.45) / 1.95
+        pull = np.array([-20.0, 0.0, 5.0]) * 0.5 * (1 - np.cos(2 * t))
+        force[4] += (1 - part) * pull
+        force[5] += part * pull
+        return force
+
+    chain = Links(length, 3e4 / length, 0.9 * share, loads, ends, damping=0.4, viscosity=0.003)
+    return replace(chain, **changes)
+
+
+def assert_close(position, known, part):
+    """Compare positions of the moving particles; the largest distance is a part of the motion."""
+    motion = np.abs(known - known[0]).max()
+    np.testing.assert_allclose(position[:, 1 : 1 + known.shape[1]], known, rtol=0, atol=part * motion)
 
 
 @pytest.mark.parametrize(
@@ -94,30 +91,18 @@ def test_every_term_at_once(options, free_upper):
     if free_upper:
         mapping["ends"] = {**SCENE["ends"], "free": "upper"}
         mapping["motion"] = {"lower": SCENE["motion"]["lower"]}
-    scene = cp.make_scene(mapping)
-    times = np.linspace(0, 3, 7)
-    run = cp.chain.simulate(scene, times=times, outputs=("position",), **options)
-    start = run.position.values[0, 1 : 6 if free_upper else 5]
-    solved = solve_ivp(
-        lambda t, y: rates(t, y, free_upper=free_upper),
-        (0, 3), np.concatenate([start.ravel(), np.zeros(start.size)]), method="DOP853", t_eval=times, rtol=1e-10, atol=1e-11,
-    )  # fmt: skip
-    known = solved.y.T.reshape(len(times), 2, -1, 3)[:, 0]
-    motion = np.abs(known - known[0]).max()
+    run = cp.chain.simulate(cp.make_scene(mapping), times=TIMES, outputs=("position",), **options)
     # the default keeps 1e-6 of the motion, rms; the largest single distance is allowed five of them
-    np.testing.assert_allclose(run.position.values[:, 1 : 6 if free_upper else 5], known, rtol=0, atol=5e-6 * motion)
+    assert_close(run.position.values, links(is_free=free_upper).positions(run.position[0], TIMES), 5e-6)
 
 
-def test_the_start_is_at_rest_under_the_loads_of_the_start(monkeypatch):
+def test_the_start_is_at_rest_under_the_loads_of_the_start():
     scene = cp.make_scene({key: value for key, value in SCENE.items() if key != "motion"})
     start = cp.chain.rest(scene).position.values[1:5]
     # the ends of this scene stand still, so no velocity of theirs enters the viscous links
-    monkeypatch.setitem(globals(), "ends", lambda t: (*moving(t)[:2], np.zeros(3), np.zeros(3)))
-    acceleration = rates(0.0, np.concatenate([start.ravel(), np.zeros(12)]))[12:]
+    still = links(ends=lambda t: (ends(t)[0], np.zeros((2, 3))))
+    acceleration = still.rates(0.0, np.concatenate([start.ravel(), np.zeros(12)]))[12:]
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-8)
-
-
-moving = ends
 
 
 @pytest.mark.slow
@@ -127,12 +112,6 @@ def test_every_term_at_once_of_members_in_lanes(scheme):
     damping = scene["damping_mass_proportional"]
     # so many that those of each thread advance together
     scenes = scene.assign(damping_mass_proportional=("member", np.tile([0.1, 0.4, 0.8, 0.2], 8), damping.attrs))
-    times = np.linspace(0, 3, 7)
-    runs = cp.chain.simulate(scenes, scheme=scheme, step=5e-4, times=times, outputs=("position",))
-    start = runs.position.values[1, 0, 1:5]
-    begin = np.concatenate([start.ravel(), np.zeros(start.size)])
-    solved = solve_ivp(rates, (0, 3), begin, method="DOP853", t_eval=times, rtol=1e-10, atol=1e-11)
-    known = solved.y.T.reshape(len(times), 2, -1, 3)[:, 0]
-    motion = np.abs(known - known[0]).max()
+    runs = cp.chain.simulate(scenes, scheme=scheme, step=5e-4, times=TIMES, outputs=("position",))
     # of second order in the step
-    np.testing.assert_allclose(runs.position.values[1, :, 1:5], known, rtol=0, atol=2e-4 * motion)
+    assert_close(runs.position.values[1], links().positions(runs.position[1, 0], TIMES), 2e-4)
