@@ -193,26 +193,6 @@ def test_steps_do_not_alias_a_fast_load(period, tolerance):
     assert float(cp.compare.errors(run, truth).error_max) < tolerance
 
 
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"scheme": "euler"}, "scheme: given 'euler'; allowed: one of .*trapezoidal"),
-        (
-            {"scheme": "generalized_alpha", "spectral_radius": 1.2},
-            r"spectral_radius: given 1\.2; allowed: .* at most 1",
-        ),
-        (
-            {"scheme": "trapezoidal", "spectral_radius": 0.5},
-            r'spectral_radius: given 0\.5; allowed: none, but for scheme "gen',
-        ),
-        ({"scheme": "trapezoidal", "step": 100.0}, r"step: given 100\.0; allowed: .* at most 4"),
-    ],
-)
-def test_invalid_options_are_refused(soft, options, match):
-    with pytest.raises(cp.SceneError, match=match):
-        cp.chain.simulate(cp.make_scene(soft), **options)
-
-
 def test_a_step_that_does_not_converge_is_substepped(soft):
     # a tangle that is let go: links slacken and snap taut within a step
     tangle = np.random.default_rng(1).normal(size=(9, 2)) * 2 + np.linspace(0, 1, 9)[:, None] * [8, 6]

@@ -24,19 +24,29 @@ def test_rest_is_in_equilibrium(scenes, number):
     assert np.abs(left).max() < 1e-9 * float(rest.tension.max())
 
 
-@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7, 1e10, 1e13])
+@pytest.mark.parametrize(
+    ("law", "stiffness"),
+    [("linear", k) for k in (1e3, 1e5, 1e7, 1e10, 1e13)] + [("green", k) for k in (1e2, 1e3, 1e5, 1e7, 1e10)],
+)
 @pytest.mark.parametrize("length", [60.0, 61.15, 61.3, 80.0, 180.0])
-def test_rest_from_soft_to_stiff_and_taut_to_slack(scenes, stiffness, length):
+def test_rest_is_balanced_by_the_law_from_soft_to_stiff_and_taut_to_slack(scenes, law, stiffness, length):
     scene = cp.read_scene(scenes / "example2.toml").drop_vars("cable_top_tension")
     scene = scene.assign(
         cable_unstretched_length=((), length), cable_youngs_modulus=((), stiffness / float(scene.cable_area))
     )
-    rest = cp.chain.rest(scene)
-    assert float(rest.residual) < 1e-9 * float(rest.tension.max())
-    stretched = np.linalg.norm(rest.position.diff("particle"), axis=1)
-    law = (stretched / (length / 40) - 1) * stiffness
+    rest = cp.chain.rest(scene, law=law)
+    largest = float(rest.tension.max())
+    assert float(rest.residual) < 1e-9 * largest
+    reach = rest.position.diff("particle").values
+    xi = np.linalg.norm(reach, axis=1) / (length / 40)
+    tension = stiffness * (np.maximum(xi - 1.0, 0.0) if law == "linear" else 0.5 * xi * (xi**2 - 1.0))
     # rounding of positions of 60 m (and sagging further) in links of 1.5 m: 1e-14 relative to the link
-    np.testing.assert_allclose(rest.tension, law, rtol=1e-11, atol=1e-12 * stiffness)
+    np.testing.assert_allclose(rest.tension, tension, rtol=1e-11, atol=1e-12 * stiffness)
+    force = (tension / (xi * length / 40))[:, None] * reach
+    left = force[1:] - force[:-1] - 9.81 * uniform_chain(scene, rest).mass[1:-1, None] * [0.0, 1.0]
+    assert np.abs(left).max() < 1e-9 * largest + 1e-12 * stiffness
+    assert rest.attrs["law"] == law
+    assert rest.attrs["title"].endswith("chain at rest" if law == "linear" else "chain at rest, green law")
 
 
 def test_rest_tends_to_the_catenary_as_the_square_of_the_link(soft):

@@ -89,6 +89,9 @@ def test_a_chaotic_scene_is_warned_of(scenes):
         ({"links": True}, "links: given True"),
         ({"links": 10**12}, "links: .* GB of output; allowed: half of this machine's memory"),
         ({"scheme": "euler"}, 'scheme: given \'euler\'; allowed: one of "velocity_verlet", "trapez'),
+        ({"scheme": "generalized_alpha", "spectral_radius": 1.2}, r"spectral_radius: given 1\.2; allowed: .* at most 1"),
+        ({"scheme": "trapezoidal", "spectral_radius": 0.5}, r'spectral_radius: given 0\.5; allowed: none, but for scheme "gen'),
+        ({"scheme": "trapezoidal", "step": 100.0}, r"step: given 100\.0; allowed: .* at most 4"),
         ({"step": -1.0}, "step: given -1.0; allowed: a finite number above 0"),
         ({"step": "fast"}, "step: given 'fast'"),
         ({"step": 1e-3, "tolerance": 1e-3}, "step and tolerance"),
@@ -101,7 +104,7 @@ def test_a_chaotic_scene_is_warned_of(scenes):
         ({"times": "now"}, "times: given 'now'"),
         ({"outputs": ("positions",)}, "outputs: given 'positions'; allowed: some of position"),
     ],
-)
+)  # fmt: skip
 def test_invalid_options_are_refused(soft, options, match):
     with pytest.raises(cp.SceneError, match=match):
         cp.chain.simulate(scene_with(soft), **options)
