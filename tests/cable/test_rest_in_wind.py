@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from printed import printed
+from references.chain_modes import chain_frequencies
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
@@ -44,20 +45,6 @@ def string(rest: xr.Dataset) -> float:
     return math.sqrt(float(rest.tension.mean())) / (2.0 * math.hypot(20.4, 57.7))
 
 
-def chain_frequencies(scene, links):
-    """Eigenvalues of the tangent stiffness of the chain in the mean wind by dense matrices, written down link by link [Hz]."""
-    rest = cp.chain.rest(scene, links=links)
-    length, matrix = float(rest.unstretched_length) / links, np.zeros((links + 1, 3, links + 1, 3))
-    for j, (reach, tension) in enumerate(zip(np.diff(rest.position.values, axis=0), rest.tension.values, strict=True)):
-        present = np.linalg.norm(reach)
-        along = np.outer(reach, reach) / present**2
-        block = tension / present * (np.eye(3) - along) + 2e7 / length * along
-        for a, b, sign in ((j, j, 1), (j + 1, j + 1, 1), (j, j + 1, -1), (j + 1, j, -1)):
-            matrix[a, :, b] += sign * block
-    inner = matrix[1:-1, :, 1:-1].reshape((links - 1) * 3, -1)
-    return np.sqrt(np.linalg.eigvalsh(inner / length)[:6]) / (2.0 * math.pi)
-
-
 # --- frequencies ----------------------------------------------------------------------------------------------------------
 
 
@@ -67,7 +54,7 @@ def test_frequencies_in_wind_have_the_tension_of_the_drag():
     hertz, out = found.angular_frequency.values / (2.0 * math.pi), found.out_of_plane_share.values > 0.5
     # a string has neither the slope of the blown guy nor its variation of tension: 0.6 % of the length, a fiftieth of the tension
     assert hertz[out][0] == pytest.approx(string(cp.cable.rest(scene, law="linear")), rel=1e-3)
-    coarse, fine = (chain_frequencies(scene, links) for links in (40, 80))
+    coarse, fine = (chain_frequencies(scene, links) / (2.0 * math.pi) for links in (40, 80))
     # Richardson leaves the square of (pi k / n)^2 / 24; the elements are converged to 1e-5
     assert hertz == pytest.approx((4.0 * fine - coarse) / 3.0, rel=2e-5)
     assert hertz[0] > 1.05 * cp.cable.frequencies(guy()).angular_frequency.values[0] / (2.0 * math.pi)
