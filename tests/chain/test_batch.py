@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import spatial
-from suite import slow, slow_but
+from suite import slow
 
 import cablepod as cp
 from cablepod import _resources as sigint
@@ -75,6 +75,8 @@ CASES = {
     "between steps": (ONE, TENSIONS, {"step": STEP, "times": [0.0, 0.333, 1.7, 3.3], "outputs": ALL}),
     "other links": (ONE, TENSIONS, {"step": STEP, "links": 5}),
 }  # fmt: skip
+#: Of these members are quick that advance explicitly.
+QUICK = ("tension", "all outputs", "between steps", "other links")
 #: Case, scheme, dimensions, for members in lanes.  Each scheme has each law, and each term that changes its equations.
 IN_LANES = [
     ("all outputs", "trapezoidal", 2),
@@ -123,6 +125,15 @@ def run_batched(scenes, options):
     return run.isel(member=slice(3 * count, None))
 
 
+def run_together(monkeypatch, scenes, options):
+    """Run members as :func:`run_batched` does, of which none may be left to a single run."""
+    with monkeypatch.context() as patch:
+        patch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has a term or such steps
+        patch.setattr(ImplicitChainRun, "__call__", None)
+        patch.setattr(ExplicitChainRun, "__call__", None)
+        return run_batched(scenes, options)
+
+
 def assert_same_bits(run, scenes, options):
     """Compare each member with the run of its scene alone: all variables and attributes."""
     for i in range(scenes.sizes["member"]):
@@ -141,25 +152,16 @@ def assert_same_bits(run, scenes, options):
             assert own == value, name
 
 
-@pytest.mark.parametrize("case", slow_but(CASES, "tension", "all outputs", "between steps", "other links"))
-def test_batched_members_equal_single_runs(soft, monkeypatch, case):
+@pytest.mark.parametrize(
+    ("case", "dims"),
+    [(case, 2) if case in QUICK else slow(case, 2) for case in CASES]
+    + [slow("a motion", 3), slow("loads and damping", 3)],
+)
+def test_batched_members_equal_single_runs(soft, monkeypatch, case, dims):
     tables, varied, options = CASES[case]
-    scenes = scenes_of(soft, tables, varied)
-    monkeypatch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has no damping
-    with monkeypatch.context() as patch:  # no member is left to a single run
-        patch.setattr(ExplicitChainRun, "__call__", None)
-        run = run_batched(scenes, options)
-    assert_same_bits(run, scenes, options)
-
-
-@pytest.mark.parametrize("case", [slow("a motion"), slow("loads and damping")])
-def test_batched_members_equal_single_runs_in_space(soft, monkeypatch, case):
-    tables, varied, options = CASES[case]
-    scenes = scenes_of(soft, tables, varied, 3)
-    with monkeypatch.context() as patch:
-        patch.setattr(ExplicitChainRun, "__call__", None)
-        run = run_batched(scenes, options)
-    assert run.sizes["coordinate"] == 3
+    scenes = scenes_of(soft, tables, varied, dims)
+    run = run_together(monkeypatch, scenes, options)
+    assert run.sizes["coordinate"] == dims
     assert_same_bits(run, scenes, options)
 
 
@@ -186,11 +188,7 @@ def test_members_in_lanes_equal_single_runs(soft, monkeypatch, case, scheme, dim
     tables, varied, options = CASES[case]
     options = options | {"scheme": scheme, "step": 5e-3}
     scenes = scenes_of(soft, tables, varied, dims)
-    monkeypatch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has no damping
-    with monkeypatch.context() as patch:  # no member is left to a single run
-        patch.setattr(ImplicitChainRun, "__call__", None)
-        run = run_batched(scenes, options)
-    assert_equal_members(run, scenes, options)
+    assert_equal_members(run_together(monkeypatch, scenes, options), scenes, options)
 
 
 @pytest.mark.slow
@@ -199,9 +197,7 @@ def test_steps_that_do_not_converge_are_cut_in_their_lanes_alone(soft, monkeypat
     motion = {"upper": {"y": {**HARMONIC, "angular_frequency": 15.0}}}
     scenes = scenes_of(soft, {"motion": motion}, {"motion_upper_y_amplitude": [0.001, 0.002, 3.0]})
     options = {"scheme": "energy_momentum", "step": 0.05, "outputs": ALL, "times": np.arange(0.0, 1.01, 0.25)}
-    with monkeypatch.context() as patch:
-        patch.setattr(ImplicitChainRun, "__call__", None)
-        run = run_batched(scenes, options)
+    run = run_together(monkeypatch, scenes, options)
     assert run.steps_cut.values.tolist() == [0, 0, 1]
     assert_equal_members(run.isel(member=slice(2)), scenes.isel(member=slice(2)), options)
     # snapping links amplify differences of rounding
@@ -264,11 +260,7 @@ def test_members_of_lanes_that_fail_report_the_reason_of_single_runs(soft):
 def test_members_whose_steps_are_chosen_advance_together(soft, monkeypatch, scheme):
     scenes = scenes_of(soft, ONE, TENSIONS)
     options = {"scheme": scheme, "tolerance": 1e-2, "outputs": ALL}
-    monkeypatch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has such steps
-    with monkeypatch.context() as patch:  # no run of any search is left to a single run
-        patch.setattr(ImplicitChainRun, "__call__", None)
-        patch.setattr(ExplicitChainRun, "__call__", None)
-        run = run_batched(scenes, options)
+    run = run_together(monkeypatch, scenes, options)
     for i in range(scenes.sizes["member"]):
         alone = cp.chain.simulate(scenes.isel(member=i, drop=True), **options)
         own = {
@@ -388,24 +380,15 @@ def test_members_are_grouped_by_shape(soft, monkeypatch):
     still = cp.make_scene({name: table for name, table in soft.items() if name != "motion"})
     scenes = xr.concat([ramp, sine, still, ramp, sine], "member", data_vars="all", combine_attrs="override")
     scenes = scenes.assign_coords(member=range(5))  # so that each of them says that what is nan is absent
+    sizes = []
     with monkeypatch.context() as patch:
-        patch.setattr(ExplicitChainRun, "__call__", None)
-        patch.setattr(chain_explicit, "ExplicitStepper", seen := Counted())
-        run = run_batched(scenes, {"step": STEP})
+        patch.setattr(
+            chain_explicit, "ExplicitStepper", lambda begun: sizes.append(len(begun)) or ExplicitStepper(begun)
+        )
+        run = run_together(patch, scenes, {"step": STEP})
     # whether a motion is a sine does not matter, whether there is one does
-    assert sorted(seen.sizes) == [1] * 4 + [4] * 4
+    assert sorted(sizes) == [1] * 4 + [4] * 4
     assert_same_bits(run, scenes, {"step": STEP})
-
-
-class Counted:
-    """Makes marches and notes of how many runs."""
-
-    def __init__(self):
-        self.sizes = []
-
-    def __call__(self, begun):
-        self.sizes.append(len(begun))
-        return ExplicitStepper(begun)
 
 
 @pytest.mark.parametrize(
