@@ -9,6 +9,7 @@ import warnings
 
 import numpy as np
 import pytest
+from mast_scenes import put
 from printed import printed
 
 import cablepod as cp
@@ -32,16 +33,7 @@ MAST = {
 
 def changed(path, value):
     """The mapping of the mast with one key changed, or without it."""
-    mapping = copy.deepcopy(MAST)
-    *tables, name = path.split(".")
-    table = mapping
-    for part in tables:
-        table = table[int(part) - 1] if isinstance(table, list) else table[part]
-    if value is None:
-        del table[name]
-    else:
-        table[name] = value
-    return mapping
+    return put(copy.deepcopy(MAST), path, value)
 
 
 def warned(function, *arguments, **options):

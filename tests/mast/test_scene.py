@@ -6,7 +6,7 @@ import copy
 
 import numpy as np
 import pytest
-from mast_scenes import SMALL, WIND, small
+from mast_scenes import SMALL, WIND, put, small
 
 import cablepod as cp
 from cablepod import examples
@@ -41,7 +41,9 @@ def test_sections_override_the_mast():
         for low, high, each in zip(bounds, bounds[1:], stiffness, strict=False)
     ]
     middle, all_three, none = (
-        cp.mast.frequencies(small(put(("mast", "section"), sections)), count=4).angular_frequency
+        cp.mast.frequencies(
+            cp.make_scene(put(copy.deepcopy(SMALL), "mast.section", sections)), count=4
+        ).angular_frequency
         for sections in ([{"from": 10.0, "to": 20.0, "bending_stiffness": 8e6}], every, [])
     )
     np.testing.assert_array_equal(middle, all_three)
@@ -64,87 +66,49 @@ def test_ranges_vary_guys():
     assert "guy_1_top_tension" in result.coords
 
 
-def put(path, value):
-    def change(mapping):
-        target = mapping
-        *tables, last = path
-        for part in tables:
-            target = target[part]
-        target[last] = value
-
-    return change
-
-
-def without(*path):
-    def change(mapping):
-        target = mapping
-        for part in path[:-1]:
-            target = target[part]
-        del target[path[-1]]
-
-    return change
-
-
-def second_guy(**changes):
-    def change(mapping):
-        mapping["guy"].append({**mapping["guy"][0], **changes})
-
-    return change
-
-
-def anchor(place):
-    def change(mapping):
-        guy = mapping["guy"][0]
-        for name in ("radius", "count", "direction"):
-            del guy[name]
-        guy["anchor"] = place
-
-    return change
+GUY = SMALL["guy"][0]
+ANCHORED = {"cable": "guy", "level": 28.0, "top_tension": 5000.0}
 
 
 @pytest.mark.parametrize(
-    ("change", "key"),
+    ("path", "value", "key"),
     [
-        (put(("guy", 0, "level"), 31.0), "guy.1.level"),
-        (anchor([0.0, 5.0, 0.0]), "guy.1.anchor"),
-        (anchor([20.0, 29.0, 0.0]), "guy.1.anchor"),
-        (second_guy(), "guy.2.level"),
-        (second_guy(count=1), "guy.2.level"),
-        (put(("guy", 0, "cable"), "gyu"), "guy.1.cable"),
-        (put(("guy",), []), "guy"),
-        (put(("guy", 0, "top_tension"), 20.0), "guy.1.top_tension"),
-        (put(("guy", 0, "bottom_tension"), 5000.0), "guy.1"),
-        (without("guy", 0, "top_tension"), "guy.1"),
-        (without("guy", 0, "radius"), "guy.1.radius"),
-        (put(("guy", 0, "direction"), [0.0, 1.0, 0.0]), "guy.1.direction"),
-        (put(("guy", 0, "lenght"), 1.0), "guy.1.lenght"),
-        (put(("cables", "guy", "top_tension"), 5000.0), "cables.guy.top_tension"),
-        (put(("cables", "guy", "area"), -1.0), "cables.guy.area"),
-        (put(("cables", "guy", "density"), 1e30), "cables.guy.density"),
-        (put(("mast", "base"), "free"), "mast.base"),
-        (put(("mast", "heigth"), 3.0), "mast.heigth"),
-        (put(("mast", "load", 0, "force"), [1.0, 2.0, 3.0]), "mast.load.1.force"),
-        (put(("mast", "load", 0, "level"), 99.0), "mast.load.1.level"),
-        (put(("mast", "section"), [{"from": 20.0, "to": 10.0}]), "mast.section.1.to"),
-        (put(("mast", "section"), [{"from": 0.0, "to": 10.0}, {"from": 5.0, "to": 15.0}]), "mast.section.2.from"),
-        (put(("cable",), {"area": 1.0}), "cable"),
-        (put(("damping", "link_viscosity"), 1e-3), "damping.link_viscosity"),
-        (put(("wind",), {**WIND, "direction": [1.0, 0.0]}), "wind.direction"),
-        (without("mast"), "mast"),
+        ("guy.1.level", 31.0, ""),
+        ("guy", [{**ANCHORED, "anchor": [0.0, 5.0, 0.0]}], "guy.1.anchor"),
+        ("guy", [{**ANCHORED, "anchor": [20.0, 29.0, 0.0]}], "guy.1.anchor"),
+        ("guy", [GUY, GUY], "guy.2.level"),
+        ("guy", [GUY, {**GUY, "count": 1}], "guy.2.level"),
+        ("guy.1.cable", "gyu", ""),
+        ("guy", [], ""),
+        ("guy.1.top_tension", 20.0, ""),
+        ("guy.1.bottom_tension", 5000.0, "guy.1"),
+        ("guy.1.top_tension", None, "guy.1"),
+        ("guy.1.radius", None, ""),
+        ("guy.1.direction", [0.0, 1.0, 0.0], ""),
+        ("guy.1.lenght", 1.0, ""),
+        ("cables.guy.top_tension", 5000.0, ""),
+        ("cables.guy.area", -1.0, ""),
+        ("cables.guy.density", 1e30, ""),
+        ("mast.base", "free", ""),
+        ("mast.heigth", 3.0, ""),
+        ("mast.load.1.force", [1.0, 2.0, 3.0], ""),
+        ("mast.load.1.level", 99.0, ""),
+        ("mast.section", [{"from": 20.0, "to": 10.0}], "mast.section.1.to"),
+        ("mast.section", [{"from": 0.0, "to": 10.0}, {"from": 5.0, "to": 15.0}], "mast.section.2.from"),
+        ("cable", {"area": 1.0}, ""),
+        ("damping.link_viscosity", 1e-3, ""),
+        ("wind", {**WIND, "direction": [1.0, 0.0]}, "wind.direction"),
+        ("mast", None, ""),
     ],
 )
-def test_mistakes_are_refused_by_key(change, key):
-    with pytest.raises(SceneError, match=rf"^{key.replace('.', '[.]')}: .*(allowed|missing)"):
-        small(change)
+def test_mistakes_are_refused_by_key(path, value, key):
+    with pytest.raises(SceneError, match=rf"^{(key or path).replace('.', '[.]')}: .*(allowed|missing)"):
+        small(lambda mapping: put(mapping, path, value))
 
 
 def test_wind_needs_a_diameter():
-    def change(mapping):
-        mapping["wind"] = copy.deepcopy(WIND)
-        del mapping["cables"]["guy"]["diameter"]
-
     with pytest.raises(SceneError, match=r"^cables\.guy\.diameter: missing"):
-        small(change)
+        small(lambda mapping: (put(mapping, "wind", WIND), put(mapping, "cables.guy.diameter", None)))
 
 
 def test_a_mast_is_no_cable_and_the_other_way_round():

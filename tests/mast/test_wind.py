@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, small, windy
+from mast_scenes import WIND, put, small, windy
 
 import cablepod as cp
 from cablepod.errors import SceneError
+
+
+def blown(wind, **time):
+    """The mast in another wind."""
+    return small(lambda mapping: (windy(mapping), mapping.update(wind=wind), mapping["time"].update(time)))
+
+
+def with_record(path, **time):
+    """The mast in the wind of a record."""
+    return blown({**WIND, "turbulence": {"record": str(path)}}, **time)
+
+
+HALF = {"speed": 10.0, "direction": [1.0, 0.0, 0.0]}
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +37,7 @@ def test_the_field_of_a_mast_depends_on_its_geometry_alone(scene, field):
     assert dict(field.sizes) == {"time": 41, "point": 17 + 3 * 9, "component": 3}
     assert field.guy.values.tolist() == [0] * 17 + [1] * 9 + [2] * 9 + [3] * 9
     np.testing.assert_allclose(field.position[-1], [0.0, 28.0, 0.0], atol=1e-12)
-    tighter = cp.wind.field(small(lambda mapping: (windy(mapping), mapping["guy"][0].update(top_tension=6000.0))))
+    tighter = cp.wind.field(small(lambda mapping: (windy(mapping), put(mapping, "guy.1.top_tension", 6000.0))))
     np.testing.assert_array_equal(tighter.wind, field.wind)
     other = cp.wind.field(scene, seed=4)
     assert float(abs(other.wind - field.wind).max()) > 1.0
@@ -48,7 +61,7 @@ def test_a_mast_starts_at_rest_in_the_mean_of_a_field(scene, field):
     steady = field.copy()
     steady["mean_wind"] = 0.5 * field.mean_wind
     steady["wind"] = (0.0 * field.wind + steady.mean_wind).transpose(*field.wind.dims)
-    half = small(lambda mapping: (windy(mapping), mapping.update(wind={"speed": 10.0, "direction": [1.0, 0.0, 0.0]})))
+    half = blown(HALF)
     expected = cp.mast.simulate(half)
     run = cp.mast.simulate(scene, wind=steady)
     assert float(np.ptp(run.displacement.values, axis=0).max()) < 1e-5 * float(abs(run.displacement).max())
@@ -58,7 +71,7 @@ def test_a_mast_starts_at_rest_in_the_mean_of_a_field(scene, field):
 
 
 def test_a_given_field_is_there_from_the_start_whatever_the_ramp(scene, field):
-    rising = small(lambda mapping: (windy(mapping), mapping.update(wind={**WIND, "ramp": 2.0})))
+    rising = blown({**WIND, "ramp": 2.0})
     own, given = cp.mast.simulate(scene), cp.mast.simulate(rising, wind=field)
     assert float(abs(own.displacement_mean).max()) > 0.01
     np.testing.assert_allclose(given.displacement_mean, own.displacement_mean, rtol=5e-3, atol=1e-4)
@@ -67,33 +80,20 @@ def test_a_given_field_is_there_from_the_start_whatever_the_ramp(scene, field):
 
 def test_a_record_is_a_given_field(scene, field, tmp_path):
     cp.archive.write(field, tmp_path / "field.nc")
-    kept = small(
-        lambda mapping: (
-            windy(mapping), mapping.update(wind={**WIND, "turbulence": {"record": str(tmp_path / "field.nc")}})
-        )
-    )  # fmt: skip
+    kept = with_record(tmp_path / "field.nc")
     run, expected = cp.mast.simulate(kept), cp.mast.simulate(scene, wind=field)
     np.testing.assert_allclose(run.guy_tension, expected.guy_tension, rtol=1e-12)
     np.testing.assert_allclose(cp.wind.field(kept).wind, field.wind, atol=1e-9)
     with pytest.raises(SceneError, match=r"^wind\.turbulence\.record: .*too short"):
-        small(
-            lambda mapping: (
-                windy(mapping), mapping.update(wind={**WIND, "turbulence": {"record": str(tmp_path / "field.nc")}}),
-                mapping["time"].update(duration=400.0),
-            )
-        )  # fmt: skip
+        with_record(tmp_path / "field.nc", duration=400.0)
 
 
 def test_rest_with_a_record_is_in_the_mean_of_the_record(field, tmp_path):
     steady = field.assign(mean_wind=0.5 * field.mean_wind)
     steady["wind"] = (field.wind - 0.5 * field.mean_wind).transpose(*field.wind.dims)
     cp.archive.write(steady, tmp_path / "half.nc")
-    kept = small(
-        lambda mapping: (
-            windy(mapping), mapping.update(wind={**WIND, "turbulence": {"record": str(tmp_path / "half.nc")}})
-        )
-    )  # fmt: skip
-    half = small(lambda mapping: (windy(mapping), mapping.update(wind={"speed": 10.0, "direction": [1.0, 0.0, 0.0]})))
+    kept = with_record(tmp_path / "half.nc")
+    half = blown(HALF)
     with pytest.warns(UserWarning, match=r"^wind\.speed, .*the record is used"):
         rest = cp.mast.rest(kept)
     assert rest.attrs["air"] == "mean wind of the record"
