@@ -38,6 +38,7 @@ LOADED = {
         {"arc_length": 0.6, "force": [0.0, -5.0], **HARMONIC, "amplitude": 1.0},
     ],
 }
+RATIO = ONE | {"damping": {"ratio": 0.03}}
 FREE = {"ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "upper"}, "motion": {}}
 TENSIONS = {"cable_top_tension": [200.0, 300.0, 230.0]}
 #: Tables of the scene, varied parameters, options.
@@ -76,7 +77,7 @@ CASES = {
     "other links": (ONE, TENSIONS, {"step": STEP, "links": 5}),
 }  # fmt: skip
 #: Of these members are quick that advance explicitly.
-QUICK = ("tension", "all outputs", "between steps", "other links")
+QUICK = ("tension", "all outputs", "damped by the tension", "between steps", "other links")
 #: Case, scheme, dimensions, for members in lanes.  Each scheme has each law, and each term that changes its equations.
 IN_LANES = [
     ("all outputs", "trapezoidal", 2),
@@ -98,7 +99,11 @@ ALONE = {
     "default": (ONE, TENSIONS, {}),
     "tolerance": (ONE, TENSIONS, {"tolerance": 1e-3, "scheme": "velocity_verlet", "outputs": ALL}),
     "implicit": (ONE, TENSIONS, {"scheme": "trapezoidal", "tolerance": 1e-3, "outputs": ALL[:2]}),  # too few members
-}
+    "ratio": (RATIO, {"damping_ratio": [0.03, 0.05, 0.1]}, {"step": 5e-3}),
+    "ratio, energy_momentum": (
+        RATIO, {"damping_ratio": [0.03, 0.0, 0.1]}, {"step": 5e-3, "scheme": "energy_momentum"}
+    ),
+}  # fmt: skip
 
 
 def scenes_of(soft, tables, varied, dims=2):

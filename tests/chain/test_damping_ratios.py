@@ -81,16 +81,6 @@ def test_spatial_chains_have_the_ratio():
         assert ratio_of(simulate(scene, step=1e-3), shape) == pytest.approx(RATIO, rel=5e-3)
 
 
-def test_members_have_the_bits_of_single_runs():
-    scene, _ = string_from_mode(2, {"ratio": RATIO}, links=12)
-    members = cp.ensemble.design(scene, {"damping.ratio": [0.0, 0.1]}, members=6, seed=1)
-    for scheme in (None, "energy_momentum"):
-        together = cp.chain.simulate(members, step=2e-3, scheme=scheme)
-        alone = cp.chain.simulate(members.isel(member=4, drop=True), step=2e-3, scheme=scheme)
-        assert np.array_equal(together.position.isel(member=4), alone.position)
-        assert float(together.position.std("member").max()) > 1e-5
-
-
 def test_ratios_are_part_of_the_identity_and_history_of_a_run():
     one, other = (string_from_mode(1, {"ratios": [0.02, last]}, links=6)[0] for last in (0.01, 0.03))
     assert one.attrs["id"] != other.attrs["id"]

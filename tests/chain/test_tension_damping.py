@@ -127,16 +127,9 @@ def test_a_slack_cable_is_not_damped():
         assert run.position.values[:, 1, 1] == pytest.approx(-0.5 * 9.81 * run.time.values**2, abs=1e-4)
 
 
-def test_members_are_single_runs():
-    """Explicit and condensed members have their bits; implicit ones lie in lanes, whose sums a compiler may round otherwise."""
+def test_members_of_the_condensed_model_are_single_runs():
     scene, _ = string(2, duration=0.2)
     members = cp.ensemble.design(scene, {"damping.tension_proportional": [1e-4, 1e-3]}, members=6, seed=1)
-    for options in ({"step": 1.6e-4}, {"step": 1e-3, "scheme": "trapezoidal"}):
-        together = cp.chain.simulate(members, **options)
-        alone = cp.chain.simulate(members.isel(member=4, drop=True), **options)
-        rounding = 1e-12 * float(alone.position.max()) if "scheme" in options else 0.0
-        np.testing.assert_allclose(together.position.isel(member=4), alone.position, rtol=0.0, atol=rounding)
-        assert float(np.ptp(together.position.values[:, -1, 20], axis=0)[1]) > 0.0
     modes = cp.condensed.vibration_modes(scene, rank=4)
     together = cp.condensed.simulate(members, modes, step=1e-3, outputs=("position",))
     alone = cp.condensed.simulate(members.isel(member=4, drop=True), modes, step=1e-3, outputs=("position",))
