@@ -163,11 +163,10 @@ def test_the_energy_defect_is_that_of_the_particles(soft, law):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("law", ["green", "linear"])
-def test_equilibrium_stays_at_rest(soft, law, scheme):
+def test_equilibrium_by_the_linear_law_stays_at_rest(soft, scheme):
     modes = cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), step=1e-3))
     still = cp.make_scene({**soft, "motion": {}})
-    run = cp.galerkin.simulate(still, modes, rank=3, law=law, scheme=scheme)
+    run = cp.galerkin.simulate(still, modes, rank=3, law="linear", scheme=scheme)
     assert float(np.abs(run.position - run.position[0]).max()) < 1e-11
 
 
