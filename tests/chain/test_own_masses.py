@@ -414,30 +414,20 @@ def test_rigid_pendulums_of_unequal_masses():
 @pytest.mark.parametrize("options", [{"step": 2.0**-8}, {"scheme": "trapezoidal", "step": 2.0**-6}, {}], ids=str)
 def test_members_with_masses_of_their_own(options):
     rng = np.random.default_rng(7)
-    mappings = [own_of(uniform()) for _ in range(6)]
-    for mapping in mappings:
-        mapping["chain"]["masses"] = (mapping["chain"]["masses"] * rng.uniform(0.7, 1.4, 5)).tolist()
-        mapping["chain"]["stiffness"] = (mapping["chain"]["stiffness"] * rng.uniform(0.7, 1.4, 4)).tolist()
-    single = [cp.make_scene(mapping) for mapping in mappings]
-    scenes = single[0].assign(
-        {
-            name: (
-                ("member", *single[0][name].dims),
-                np.stack([scene[name].values for scene in single]),
-                single[0][name].attrs,
-            )
-            for name in ("chain_masses", "chain_stiffness")
-        }
-    )
+    mapping = own_of(uniform())
+    own = {f"chain.{name}": mapping["chain"][name] for name in ("masses", "stiffness")}
+    lists = {
+        path: [(values * rng.uniform(0.7, 1.4, len(values))).tolist() for _ in range(6)] for path, values in own.items()
+    }
+    scenes = cp.ensemble.design(cp.make_scene(mapping), lists, members=6, sampling="list")
     together = cp.chain.simulate(scenes, **options)
     assert together.particle_mass.dims == ("member", "particle")
-    for i, scene in enumerate(single):
-        alone = cp.chain.simulate(scene, **options)
+    np.testing.assert_array_equal(together.particle_mass, lists["chain.masses"])
+    for i in range(6):
+        alone = cp.chain.simulate(scenes.isel(member=i, drop=True), **options)
         # lanes of implicit members add in another order
-        np.testing.assert_allclose(
-            together.position[i], alone.position, rtol=0.0, atol=1e-9 if "scheme" in options else 1e-13
-        )
-        np.testing.assert_array_equal(together.particle_mass[i], mappings[i]["chain"]["masses"])
+        rounding = 1e-9 if "scheme" in options else 1e-13
+        np.testing.assert_allclose(together.position[i], alone.position, rtol=0.0, atol=rounding)
     with pytest.raises(cp.SceneError, match=r'^weights: given "mass" and members with different ratios'):
         cp.pod.decompose(together, weights="mass")
     assert "particle_mass" not in cp.pod.decompose(together, rank=2, weights="length").coords
