@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -242,23 +241,3 @@ def test_divergent_finite_runs_are_stopped(soft, any_load, scheme):
     )  # fmt: skip
     with pytest.raises(cp.RunStopped, match="left the finite numbers"):
         cp.chain.simulate(blown, scheme=scheme, step=0.01)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_divergent_run_stops_at_the_step_that_leaves_the_bound(soft, scheme):
-    # the upper end is at 1e-3 t^30 m: 1.7e7 m at 2.19 s, 2e82 m at the last output time
-    scene = scene_with(
-        soft,
-        motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}},
-        time={"duration": 1.0, "interval": 1.0},
-    )
-    with pytest.raises(cp.RunStopped, match=r"left the finite numbers at ") as stopped:
-        cp.chain.simulate(scene, scheme=scheme, step=0.01, times=np.arange(700.0))
-    partial = stopped.value.partial
-    np.testing.assert_array_equal(partial.time, [0.0, 1.0, 2.0])
-    bound = 1e6 * (partial.unstretched_length.item() + 8.0)
-    when = float(re.search(r" at ([\d.]+) s", str(stopped.value))[1])
-    assert 8.0 + 1e-3 * when**30 <= bound < 8.0 + 1e-3 * (when + 0.01) ** 30
-    # solved as well as in a run that ends before: distant ends of later steps do not loosen Newton's tolerance
-    again = cp.chain.simulate(scene, scheme=scheme, step=0.01, times=[0.0, 1.0])
-    np.testing.assert_allclose(partial.position[:2], again.position, atol=1e-6)
