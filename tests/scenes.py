@@ -130,6 +130,16 @@ def uniform_chain(scene: xr.Dataset, result: xr.Dataset) -> UniformChain:
     return UniformChain(length, float(scene.cable_youngs_modulus) * area / length, density * area * share)
 
 
+def energies(scene: xr.Dataset, run: xr.Dataset, law: str = "linear") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return kinetic energy, strain energy and that of the weight of a run of a uniform chain (time,) [J]."""
+    length, stiffness, mass = uniform_chain(scene, run)
+    xi = np.linalg.norm(np.diff(run.position, axis=1), axis=2) / length
+    density = (xi**2 - 1.0) ** 2 / 8.0 if law == "green" else 0.5 * np.maximum(xi - 1.0, 0.0) ** 2
+    kinetic = 0.5 * (mass[:, None] * run.velocity.values**2).sum(axis=(1, 2))
+    height = (run.position.values[..., 1] * mass).sum(axis=1)
+    return kinetic, (stiffness * length**2 * density).sum(axis=1), 9.81 * height
+
+
 def link_length_errors(run):
     """Relative length errors of the links of a run."""
     reach = np.linalg.norm(np.diff(run.position.values, axis=1), axis=-1)
