@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import small, windy
+from mast_scenes import put, small, windy
 
 import cablepod as cp
 from cablepod.errors import MemberFailedWarning, OutOfRangeWarning, SceneError
@@ -47,9 +47,7 @@ def test_members_of_other_tensions_are_single_runs():
 
 @pytest.mark.slow
 def test_members_of_other_winds_ice_and_loads_are_single_runs():
-    scene = small(
-        lambda mapping: (windy(mapping), mapping.update(ice={"thickness": 0.0}), mapping["mast"].update(diameter=0.05))
-    )
+    scene = small(lambda each: (windy(each), put(each, "ice", {"thickness": 0.0}), put(each, "mast.diameter", 0.05)))
     scene = varied(
         scene,
         guy_1_top_tension=[4500.0, 5000.0, 5500.0, 5000.0, 5200.0, 4800.0],

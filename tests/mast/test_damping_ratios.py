@@ -1,29 +1,20 @@
-"""Damping of the guys of masts by given ratios: decay of each vibration, members, refusals."""
+"""Damping of the guys of masts by given ratios: a whole mast, members, refusals; each vibration is in test_model."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import small
+from mast_scenes import put, small
 
 import cablepod as cp
 
 
-def damped(damping, **mast):
-    def change(mapping):
-        mapping["damping"] = damping
-        mapping["mast"] |= mast
-        del mapping["mast"]["load"]
-
-    return small(change)
+def damped(damping):
+    return small(lambda mapping: mapping.update(damping=damping))
 
 
 def test_ratios_damp_a_whole_mast_and_members(tmp_path):
-    def change(mapping):
-        mapping["mast"]["damping_ratio"] = 0.0
-        mapping["damping"] = {"ratio": 0.0}
-
-    scene = small(change)
+    scene = small(lambda mapping: (put(mapping, "mast.damping_ratio", 0.0), put(mapping, "damping", {"ratio": 0.0})))
     members = cp.ensemble.design(scene, {"damping.ratio": [0.0, 0.3, 3]})
     options = {"rank": 2, "outputs": ("guy_tension",)}
     together = cp.ensemble.run(members, tmp_path / "masts", model="mast", **options)
