@@ -113,6 +113,20 @@ def pendulum(length, point, **changes):
     )
 
 
+def along(points: np.ndarray, length: float, modulus: float = 1e6, **tables: Any) -> xr.Dataset:
+    """Make a weightless cable of 1 kg/m and an area of 1e-3 m2, whose particles start from these points."""
+    return cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": modulus, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
+            "ends": {"lower": points[0].tolist(), "upper": points[-1].tolist()},
+            "initial": {"points": points.tolist()},
+            "chain": {"links": len(points) - 1},
+        }
+        | tables
+    )
+
+
 class UniformChain(NamedTuple):
     """Numbers of the chain of a uniform cable."""
 

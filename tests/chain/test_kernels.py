@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from scenes import pulled, scene_with
+from scenes import along, pulled, scene_with
 from suite import slow
 
 import cablepod as cp
@@ -136,15 +136,7 @@ def test_the_stability_limit_is_where_it_is_predicted():
     jitter = 1e-7 * np.where(np.arange(9) % 2, 1.0, -1.0)
     jitter[[0, -1]] = 0
     line = np.stack([4.0 * s + jitter, 0 * s], axis=1)
-    scene = cp.make_scene(
-        {
-            "gravity": 0.0,
-            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": 3.9},
-            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
-            "initial": {"points": line.tolist()},
-            "chain": {"links": 8},
-        }
-    )
+    scene = along(line, 3.9)
     chain = chain_of(parameters(scene))
     limit = chain.step_limit()
     link = 3.9 / 8

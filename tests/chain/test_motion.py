@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from scenes import TERMS as SHARED
-from scenes import energies, scene_with
+from scenes import along, energies, scene_with
 from suite import slow
 
 import cablepod as cp
@@ -37,15 +37,7 @@ def test_small_vibrations_of_a_taut_chain_have_the_frequencies_of_the_discrete_s
     n, tension, stiffness, span = 12, 500.0, 1e6, 6.0
     length = span / (1 + tension / stiffness)
     line = np.stack([np.linspace(0, span, n + 1), 1e-7 * np.sin(np.pi * np.linspace(0, 1, n + 1))], axis=1)
-    scene = cp.make_scene(
-        {
-            "gravity": 0.0,
-            "cable": {"youngs_modulus": 1e9, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
-            "ends": {"lower": [0.0, 0.0], "upper": [span, 0.0]},
-            "initial": {"points": line.tolist()},
-            "chain": {"links": n},
-        }
-    )
+    scene = along(line, length, 1e9)
     mass, link = length / n, span / n
     omega = 2 * np.sqrt(tension / (link * mass)) * np.sin(np.pi / (2 * n))
     times = np.linspace(0.0, 2 * np.pi / omega, 9)
@@ -178,16 +170,7 @@ def test_viscous_links_damp_only_the_axial_motion(soft):
     s = np.linspace(0, 1, n + 1)
     line = np.stack([span * (s + 1e-6 * np.sin(np.pi * s)), 0 * s], axis=1)
     nu = 0.004
-    scene = cp.make_scene(
-        {
-            "gravity": 0.0,
-            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
-            "ends": {"lower": [0.0, 0.0], "upper": [span, 0.0]},
-            "initial": {"points": line.tolist()},
-            "chain": {"links": n},
-            "damping": {"link_viscosity": nu},
-        }
-    )
+    scene = along(line, length, damping={"link_viscosity": nu})
     link = length / n
     omega = 2 * np.sqrt(1e3 / link / link) * np.sin(np.pi / (2 * n))
     ratio = nu * omega / 2
