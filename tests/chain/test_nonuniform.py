@@ -349,7 +349,7 @@ def uniform_mass(chain: LumpedChain) -> np.ndarray:
 
 
 def test_modes_by_mass_are_orthonormal_by_the_masses_of_the_particles() -> None:
-    scene = cp.make_scene({**GUY, **THINGS})
+    scene = cp.make_scene({**GUY, **THINGS, "wind": WIND})
     run = cp.chain.simulate(scene, outputs=("position",))
     np.testing.assert_array_equal(run.particle_mass, chain_of(parameters(scene)).mass)
     modes = cp.pod.decompose(run, rank=2, weights="mass", layout="vector").mode_shape.values
