@@ -10,6 +10,7 @@ from scenes import RIGID_CABLE, link_length_errors, pendulum, rigid_scene
 from scenes import TERMS as SHARED
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
+from suite import slow
 
 import cablepod as cp
 
@@ -302,7 +303,8 @@ def test_the_default_step_meets_the_tolerance(soft, name, formulation):
 
 
 @pytest.mark.parametrize(
-    "name", ["slack_cable", "released_line", "slack_line", "folded_chain", "whip", "pendulum", "double_pendulum"]
+    "name",
+    ["slack_cable", "released_line", "slack_line", slow("folded_chain"), slow("whip"), "pendulum", "double_pendulum"],
 )
 def test_both_formulations_agree_on_the_shipped_scenes(scenes, name):
     scene = cp.read_scene(scenes / f"{name}.toml")
