@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from references.chain_modes import chain_frequencies
 from references.elements import Elements
 from references.irvine import horizontal, symmetric_roots
+from references.links import chain_frequencies
 from scenes import scene_with, spatial
 from scipy.integrate import solve_bvp
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from printed import printed
-from references.chain_modes import chain_frequencies
+from references.links import chain_frequencies
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp

@@ -21,3 +21,10 @@ def tangent_at_rest(scene, law="linear", links=None):
         for a, b, sign in ((j, j, 1), (j + 1, j + 1, 1), (j, j + 1, -1), (j + 1, j, -1)):
             matrix[a, :, b] += sign * block
     return matrix[1:-1, :, 1:-1], chain.mass[1:-1], x
+
+
+def chain_frequencies(scene, links, law="linear"):
+    """Return the six lowest angular frequencies about rest [rad/s], of equal masses."""
+    matrix, mass, _ = tangent_at_rest(scene, law, links)
+    size = matrix.shape[0] * matrix.shape[1]
+    return np.sqrt(np.linalg.eigvalsh(matrix.reshape(size, size) / mass[0])[:6])
