@@ -1,4 +1,4 @@
-"""Damping of the guys of masts by given ratios: a whole mast, members, refusals; each vibration is in test_model."""
+"""Damping of the guys of masts by given ratios: a whole mast, members, refusals; each vibration is in test_internals."""
 
 from __future__ import annotations
 
