@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from cablepod import catenary, chain, compare, galerkin, pod, provenance
+from cablepod import catenary, chain, compare, galerkin, pod
 from cablepod.batch._pool import map_threads
-from cablepod.conventions import label
 from cablepod.errors import RunStopped
 from cablepod.examples import scene, table
+from cablepod.paper.datasets import described
 
 #: Number of modes in the sums of the paper.
 SUMMED = 20
@@ -104,40 +104,32 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
         return (np.cumsum(part, axis=-1) / part.sum(axis=-1, keepdims=True))[..., :count]
 
     place = ("start", "coordinate", "table2_row")
-    result = xr.Dataset(
+    return described(
+        "examples.table2", {"starts": list(starts)},
         {
-            "table2_singular_value": (place, values[..., :count]),
-            "table2_share": (place, cumulative(values)),
-            "table2_energy_share": (place, cumulative(squares)),
-            "table2_proper_orthogonal_value": (place, squares[..., :count] / samples),
-            "table2_sum": (place[:2], values.sum(axis=-1)),
-            "table2_top_tension": ("start", [float(catenary.rest(base.scene)["tension_upper"]) for base in studies]),
-            "table2_misfit": ("start", misfit(values[..., :count], printed)),
-            "table2_misfit_3": ("start", misfit(values[..., :3], printed[:, :3])),
-            "table2_singular_value_printed": (place[1:], printed),
-            "table2_share_printed": (place[1:], printed_share),
+            "table2_singular_value": (place, values[..., :count], "m", "singular value of the centred, lifted snapshots"),
+            "table2_share": (place, cumulative(values), "1", "cumulative share of the sum of 20 singular values"),
+            "table2_energy_share": (place, cumulative(squares),
+                "1", "cumulative share of the sum of 20 squared singular values"),
+            "table2_proper_orthogonal_value": (place, squares[..., :count] / samples,
+                "m2", "squared singular value over the number of snapshots"),
+            "table2_sum": (place[:2], values.sum(axis=-1), "m", "sum of 20 singular values"),
+            "table2_top_tension": ("start", [float(catenary.rest(base.scene)["tension_upper"]) for base in studies],
+                "N", "tension at the upper end of the cable at rest"),
+            "table2_misfit": ("start", misfit(values[..., :count], printed),
+                "1", "rms of ln(ours / print) over all rows and both columns"),
+            "table2_misfit_3": ("start", misfit(values[..., :3], printed[:, :3]),
+                "1", "rms of ln(ours / print) over the first three rows and both columns"),
+            "table2_singular_value_printed": (place[1:], printed, "m", "singular value as printed"),
+            "table2_share_printed": (place[1:], printed_share, "1", "cumulative share as printed"),
         },
-        coords={"start": list(starts), "coordinate": ["x", "y"], "table2_row": np.arange(1, count + 1)},
-    )
-    label(
-        result,
-        start=("1", "shipped scene from which the chain starts"),
-        table2_row=("1", "row of Table 2"),
-        table2_singular_value=("m", "singular value of the centred, lifted snapshots"),
-        table2_share=("1", "cumulative share of the sum of 20 singular values"),
-        table2_energy_share=("1", "cumulative share of the sum of 20 squared singular values"),
-        table2_proper_orthogonal_value=("m2", "squared singular value over the number of snapshots"),
-        table2_sum=("m", "sum of 20 singular values"),
-        table2_top_tension=("N", "tension at the upper end of the cable at rest"),
-        table2_misfit=("1", "rms of ln(ours / print) over all rows and both columns"),
-        table2_misfit_3=("1", "rms of ln(ours / print) over the first three rows and both columns"),
-        table2_singular_value_printed=("m", "singular value as printed"),
-        table2_share_printed=("1", "cumulative share as printed"),
-    )
-    inputs = [base.modes for base in studies]
-    return provenance.record(
-        result, function="paper.examples.table2", parameters={"starts": list(starts)}, inputs=inputs
-    )
+        {
+            "start": (list(starts), "1", "shipped scene from which the chain starts"),
+            "coordinate": (["x", "y"],),
+            "table2_row": (np.arange(1, count + 1), "1", "row of Table 2"),
+        },
+        [base.modes for base in studies],
+    )  # fmt: skip
 
 
 def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) -> xr.Dataset:
@@ -172,28 +164,22 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
             return np.full(2, np.nan)
 
     shares = map_threads(of_step, steps, workers)
-    result = xr.Dataset(
+    return described(
+        "examples.example3_share", {"steps": list(steps)},
         {
-            "example3_share_equilibrium": ("coordinate", share(study("example3").modes)),
-            "example3_share_swapped": (("example3_step", "coordinate"), shares),
-            "example3_share_printed": (
-                "coordinate",
-                [printed[name][row] / 100.0 for name in ("horizontal", "vertical")],
-            ),
+            "example3_share_equilibrium": ("coordinate", share(study("example3").modes),
+                "1", "share of five in the sum of 20 singular values, from equilibrium"),
+            "example3_share_swapped": (("example3_step", "coordinate"), shares,
+                "1", "the same from the shape of 3750 N with the length of 7500 N"),
+            "example3_share_printed": ("coordinate", [printed[name][row] / 100.0 for name in ("horizontal", "vertical")],
+                "1", "share as printed"),
         },
-        coords={"coordinate": ["x", "y"], "example3_step": list(steps)},
-    )
-    label(
-        result,
-        example3_share_equilibrium=("1", "share of five in the sum of 20 singular values, from equilibrium"),
-        example3_share_swapped=("1", "the same from the shape of 3750 N with the length of 7500 N"),
-        example3_share_printed=("1", "share as printed"),
-        example3_step=("s", "time step of the run from swapped rows"),
-    )
-    inputs = [study("example3").modes, swapped]
-    return provenance.record(
-        result, function="paper.examples.example3_share", parameters={"steps": list(steps)}, inputs=inputs
-    )
+        {
+            "coordinate": (["x", "y"],),
+            "example3_step": (list(steps), "s", "time step of the run from swapped rows"),
+        },
+        [study("example3").modes, swapped],
+    )  # fmt: skip
 
 
 #: Instants of Figure 7 [s].
@@ -261,28 +247,23 @@ def errors(
         cases, map_threads(errors_of, cases, workers, done=fraction_of(len(cases), progress)), strict=True
     ):
         worst[case], at45[case], six[case], projected[case] = values
-    result = xr.Dataset(
+    return described(
+        "examples.errors", {"scenes": list(scenes), "ranks": list(ranks)},
         {
-            "reduced_error": (("scene", "reduced_rank"), worst),
-            "reduced_error_45": (("scene", "reduced_rank"), at45),
-            "reduced_error_six": (("scene", "reduced_rank"), six),
-            "projection_error": (("scene", "reduced_rank"), projected),
-            "scene_unstretched_length": ("scene", [float(base.chain["arc_length"][-1]) for base in studies]),
-            "scene_smallest_tension": ("scene", [float(base.chain["tension"].min()) for base in studies]),
+            "reduced_error": (("scene", "reduced_rank"), worst,
+                "1", "largest error of the reduced model over time, over the largest rms displacement"),
+            "reduced_error_45": (("scene", "reduced_rank"), at45, "1", "error of the reduced model at 45 s"),
+            "reduced_error_six": (("scene", "reduced_rank"), six,
+                "1", "largest error of the reduced model at the six instants of Figure 7"),
+            "projection_error": (("scene", "reduced_rank"), projected, "1", "largest error of the projected motion over time"),
+            "scene_unstretched_length": ("scene", [float(base.chain["arc_length"][-1]) for base in studies],
+                "m", "unstretched length of the scene"),
+            "scene_smallest_tension": ("scene", [float(base.chain["tension"].min()) for base in studies],
+                "N", "smallest tension of a link at the instants of the snapshots"),
         },
-        coords={"scene": list(scenes), "reduced_rank": list(ranks)},
-    )
-    label(
-        result,
-        scene=("1", "shipped scene"),
-        reduced_rank=("1", "modes of each coordinate"),
-        reduced_error=("1", "largest error of the reduced model over time, over the largest rms displacement"),
-        reduced_error_45=("1", "error of the reduced model at 45 s"),
-        reduced_error_six=("1", "largest error of the reduced model at the six instants of Figure 7"),
-        projection_error=("1", "largest error of the projected motion over time"),
-        scene_unstretched_length=("m", "unstretched length of the scene"),
-        scene_smallest_tension=("N", "smallest tension of a link at the instants of the snapshots"),
-    )
-    options = {"scenes": list(scenes), "ranks": list(ranks)}
-    inputs = [base.modes for base in studies]
-    return provenance.record(result, function="paper.examples.errors", parameters=options, inputs=inputs)
+        {
+            "scene": (list(scenes), "1", "shipped scene"),
+            "reduced_rank": (list(ranks), "1", "modes of each coordinate"),
+        },
+        [base.modes for base in studies],
+    )  # fmt: skip

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, pod, provenance
-from cablepod.conventions import label
+from cablepod import chain, pod
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene, table
+from cablepod.paper.datasets import described
 from cablepod.paper.examples import SUMMED, misfit
 from cablepod.paper.table1 import inextensible
 
@@ -87,27 +87,25 @@ def tried(*, progress: Callable[[float], None] | None = None) -> xr.Dataset:
         if progress is not None:
             progress((i + 1) / len(names))
     count = target.shape[1]
-    result = xr.Dataset(
+    return described(
+        "starts.tried", {"step": STEP},
         {
-            "tried_singular_value": (("tried", "coordinate", "table2_row"), values[..., :count]),
-            "tried_sum": (("tried", "coordinate"), values.sum(axis=-1)),
-            "tried_sag": ("tried", sags),
-            "tried_misfit": ("tried", misfit(values[..., :count], target)),
-            "tried_misfit_3": ("tried", misfit(values[..., :3], target[:, :3])),
+            "tried_singular_value": (("tried", "coordinate", "table2_row"), values[..., :count],
+                "m", "singular value of the centred, lifted snapshots"),
+            "tried_sum": (("tried", "coordinate"), values.sum(axis=-1), "m", "sum of 20 singular values"),
+            "tried_sag": ("tried", sags, "1", "sag of the start over that of the cable at rest"),
+            "tried_misfit": ("tried", misfit(values[..., :count], target),
+                "1", "rms of ln(ours / print) over all rows and both columns"),
+            "tried_misfit_3": ("tried", misfit(values[..., :3], target[:, :3]),
+                "1", "rms of ln(ours / print) over the first three rows and both columns"),
         },
-        coords={"tried": names, "coordinate": ["x", "y"], "table2_row": np.arange(1, count + 1)},
-    )
-    label(
-        result,
-        tried=("1", "start of Example 2 that was tried"),
-        table2_row=("1", "row of Table 2"),
-        tried_singular_value=("m", "singular value of the centred, lifted snapshots"),
-        tried_sag=("1", "sag of the start over that of the cable at rest"),
-        tried_sum=("m", "sum of 20 singular values"),
-        tried_misfit=("1", "rms of ln(ours / print) over all rows and both columns"),
-        tried_misfit_3=("1", "rms of ln(ours / print) over the first three rows and both columns"),
-    )
-    return provenance.record(result, function="paper.starts.tried", parameters={"step": STEP}, inputs=[base])
+        {
+            "tried": (names, "1", "start of Example 2 that was tried"),
+            "coordinate": (["x", "y"],),
+            "table2_row": (np.arange(1, count + 1), "1", "row of Table 2"),
+        },
+        [base],
+    )  # fmt: skip
 
 
 def _sag(position: np.ndarray) -> float:
@@ -140,18 +138,19 @@ def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] =
         for j, step in enumerate(steps):
             values = pod.decompose(chain.simulate(changed, step=step), rank=SUMMED)["singular_value"].values
             shares[i, j] = values[:, :5].sum(axis=1) / values.sum(axis=1)
-    result = xr.Dataset(
-        {"sagging_share": (("relative_sag", "sagging_step", "coordinate"), shares)},
-        coords={"relative_sag": list(sags), "sagging_step": list(steps), "coordinate": ["x", "y"]},
-    )
-    label(
-        result,
-        relative_sag=("1", "sag of the start over that of equilibrium"),
-        sagging_step=("s", "time step"),
-        sagging_share=("1", "share of five in the sum of 20 singular values of Example 3"),
-    )
-    options = {"sags": list(sags), "steps": list(steps)}
-    return provenance.record(result, function="paper.starts.example3", parameters=options, inputs=[base])
+    return described(
+        "starts.example3", {"sags": list(sags), "steps": list(steps)},
+        {
+            "sagging_share": (("relative_sag", "sagging_step", "coordinate"), shares,
+                "1", "share of five in the sum of 20 singular values of Example 3"),
+        },
+        {
+            "relative_sag": (list(sags), "1", "sag of the start over that of equilibrium"),
+            "sagging_step": (list(steps), "s", "time step"),
+            "coordinate": (["x", "y"],),
+        },
+        [base],
+    )  # fmt: skip
 
 
 def search(
@@ -227,31 +226,16 @@ def search(
             )
             for i, k in enumerate(best)
         ]
-    result = _search_result(cable, start, misfits, sorted(ends, key=lambda end: end.fun))
+    refined = sorted(ends, key=lambda end: end.fun)
+    columns = {
+        "search_cable_length": ("draw", cable, "m"), "search_start_length": ("draw", start, "m"),
+        "search_misfit": ("draw", misfits, "1"), "polished_cable_length": ("polished", [end.x[0] for end in refined], "m"),
+        "polished_start_length": ("polished", [end.x[1] for end in refined], "m"),
+        "polished_misfit": ("polished", [end.fun for end in refined], "1"),
+    }  # fmt: skip
     options = {
-        "draws": draws,
-        "polished": polished,
-        "cable_lengths": list(cable_lengths),
-        "differences": list(differences),
-        "most_evaluations": most_evaluations,
-        "seed": seed,
-    }
-    return provenance.record(result, function="paper.starts.search", parameters=options, inputs=[base])
-
-
-def _search_result(cable: np.ndarray, start: np.ndarray, misfits: np.ndarray, refined: list[Any]) -> xr.Dataset:
-    """Make the Dataset of all draws and of the refined ones."""
-    result = xr.Dataset(
-        {
-            "search_cable_length": ("draw", cable),
-            "search_start_length": ("draw", start),
-            "search_misfit": ("draw", misfits),
-            "polished_cable_length": ("polished", [end.x[0] for end in refined]),
-            "polished_start_length": ("polished", [end.x[1] for end in refined]),
-            "polished_misfit": ("polished", [end.fun for end in refined]),
-        }
-    )
-    for name in result.variables:
-        units = "m" if str(name).endswith("length") else "1"
-        result[name].attrs.update(units=units, long_name=str(name).replace("_", " "))
-    return result
+        "draws": draws, "polished": polished, "cable_lengths": list(cable_lengths), "differences": list(differences),
+        "most_evaluations": most_evaluations, "seed": seed,
+    }  # fmt: skip
+    variables = {name: (*column, name.replace("_", " ")) for name, column in columns.items()}
+    return described("starts.search", options, variables, {}, [base])

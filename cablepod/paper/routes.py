@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, pod, provenance
-from cablepod.conventions import label
+from cablepod import chain, pod
 from cablepod.examples import scene
+from cablepod.paper.datasets import described
 from cablepod.paper.examples import CHAIN_TOLERANCE
 from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._snapshots import relative_arc_length
@@ -68,34 +68,23 @@ def precision(*, features: int = 80, samples: int = 500, most_snapshots: int = M
         error[i] = np.abs(singular_values / values - 1.0)
         # norm of the component normal to the exact mode; sqrt(1 - cos^2) would lose half of the digits
         angle[i] = np.linalg.norm(modes - left * np.sum(left * modes, axis=0), axis=0)
-    right = np.logical_and.accumulate(error < 0.1, axis=1)
-    result = xr.Dataset(
+    right = zip(np.logical_and.accumulate(error < 0.1, axis=1), np.isnan(error[:, 0]), strict=True)
+    usable = [float(values[good].min(initial=np.nan if lost else 1.0)) for good, lost in right]
+    return described(
+        "routes.precision", {"features": features, "samples": samples},
         {
-            "route_error": (("route", "route_mode"), error),
-            "route_angle": (("route", "route_mode"), np.minimum(angle, 1.0)),
-            "route_exact": ("route_mode", values),
-            "route_usable": (
-                "route",
-                [
-                    float(values[good].min(initial=np.nan if lost else 1.0))
-                    for good, lost in zip(right, np.isnan(error[:, 0]), strict=True)
-                ],
-            ),
+            "route_error": (("route", "route_mode"), error, "1", "relative error of the singular value"),
+            "route_angle": (("route", "route_mode"), np.minimum(angle, 1.0),
+                "1", "sine of the angle between the mode and the exact one"),
+            "route_exact": ("route_mode", values, "1", "exact singular value, the largest being 1"),
+            "route_usable": ("route", usable,
+                "1", "smallest singular value down to which all are right to a tenth"),
         },
-        coords={"route": list(METHODS), "route_mode": np.arange(1, values.size + 1)},
-    )
-    label(
-        result,
-        route=("1", "route to the modes"),
-        route_mode=("1", "number of the mode of the known matrix"),
-        route_error=("1", "relative error of the singular value"),
-        route_angle=("1", "sine of the angle between the mode and the exact one"),
-        route_exact=("1", "exact singular value, the largest being 1"),
-        route_usable=("1", "smallest singular value down to which all are right to a tenth"),
-    )
-    return provenance.record(
-        result, function="paper.routes.precision", parameters={"features": features, "samples": samples}
-    )
+        {
+            "route": (list(METHODS), "1", "route to the modes"),
+            "route_mode": (np.arange(1, values.size + 1), "1", "number of the mode of the known matrix"),
+        },
+    )  # fmt: skip
 
 
 def run_times(
@@ -134,23 +123,16 @@ def run_times(
                 seconds[i, j] = _median(svd_methods.ROUTES[METHODS[i]], data, repeats)
             if progress is not None:
                 progress((done + 1) / len(jobs))
-    result = xr.Dataset(
+    return described(
+        "routes.run_times", {"sizes": [list(size) for size in sizes], "repeats": repeats, "most_snapshots": most_snapshots},
         {
-            "route_time": (("route", "route_size"), seconds),
-            "route_features": ("route_size", [size[0] for size in sizes]),
-            "route_samples": ("route_size", [size[1] for size in sizes]),
+            "route_time": (("route", "route_size"), seconds,
+                "s", f"time of one decomposition, one BLAS thread, median of {repeats}"),
+            "route_features": ("route_size", [size[0] for size in sizes], "1", "features n"),
+            "route_samples": ("route_size", [size[1] for size in sizes], "1", "snapshots m"),
         },
-        coords={"route": list(METHODS)},
-    )
-    label(
-        result,
-        route=("1", "route to the modes"),
-        route_time=("s", f"time of one decomposition, one BLAS thread, median of {repeats}"),
-        route_features=("1", "features n"),
-        route_samples=("1", "snapshots m"),
-    )
-    options = {"sizes": [list(size) for size in sizes], "repeats": repeats, "most_snapshots": most_snapshots}
-    return provenance.record(result, function="paper.routes.run_times", parameters=options)
+        {"route": (list(METHODS), "1", "route to the modes")},
+    )  # fmt: skip
 
 
 def _median(decompose: Callable[[np.ndarray], object], data: np.ndarray, repeats: int) -> float:
@@ -206,22 +188,17 @@ def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Datase
                 shape /= np.linalg.norm(shape)
                 reference = target["mode_shape"].values[c, m]
                 gaps[i, c, m] = np.linalg.norm(shape * np.sign(shape @ reference) - reference)
-    result = xr.Dataset(
+    return described(
+        "routes.weights", {"ratio": ratio, "links": links, "count": count},
         {
-            "weight_mode_gap": (("weights", "coordinate", "mode"), gaps),
-            "weight_value_gap": (("weights", "coordinate", "mode"), values),
+            "weight_mode_gap": (("weights", "coordinate", "mode"), gaps,
+                "1", "distance of the mode of a chain of unequal links from that of the uniform chain"),
+            "weight_value_gap": (("weights", "coordinate", "mode"), values, "1", "relative difference of the singular values"),
         },
-        coords={
-            "weights": [str(kind) for kind in kinds],
-            "coordinate": target["coordinate"].values,
-            "mode": target["mode"].values,
+        {
+            "weights": ([str(kind) for kind in kinds], "1", "inner product of the decomposition"),
+            "coordinate": (target["coordinate"].values,),
+            "mode": (target["mode"].values,),
         },
-    )
-    label(
-        result,
-        weights=("1", "inner product of the decomposition"),
-        weight_mode_gap=("1", "distance of the mode of a chain of unequal links from that of the uniform chain"),
-        weight_value_gap=("1", "relative difference of the singular values"),
-    )
-    options = {"ratio": ratio, "links": links, "count": count}
-    return provenance.record(result, function="paper.routes.weights", parameters=options, inputs=[uniform, graded])
+        [uniform, graded],
+    )  # fmt: skip

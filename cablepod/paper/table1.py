@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import catenary, chain, provenance
-from cablepod.conventions import label
+from cablepod import catenary, chain
 from cablepod.errors import SceneError
 from cablepod.examples import scene, table
 from cablepod.paper import independent_chain
+from cablepod.paper.datasets import described
 from cablepod.paper.examples import CHAIN_TOLERANCE
 from cablepod.parameters._from_scene import parameters
 
@@ -134,38 +134,27 @@ def table1() -> xr.Dataset:
             lower[i, j, 1] = exact["tension_lower"]
     misfit = np.abs(unstretched[:, :, 0] - printed["unstretched_length_m"][:, None])
     place = ("table1_row", "table1_stiffness", "procedure")
-    result = xr.Dataset(
+    return described(
+        "statics.table1", {},
         {
-            "table1_unstretched_length": (place, unstretched),
-            "table1_stretched_length": (place, stretched),
-            "table1_tension_lower": (place, lower),
-            "table1_top_tension": ("table1_row", tensions),
-            "table1_unstretched_length_printed": ("table1_row", printed["unstretched_length_m"]),
-            "table1_stretched_length_printed": ("table1_row", printed["stretched_length_m"]),
-            "table1_tension_lower_printed": ("table1_row", printed["bottom_tension_N"]),
-            "table1_elongation_printed": ("table1_row", printed["elongation_m"]),
-            "table1_source": ("table1_row", misfit.argmin(axis=1)),
-            "table1_misfit": ("table1_row", misfit.min(axis=1)),
+            "table1_unstretched_length": (place, unstretched, "m", "unstretched length L0 for the tension of the row"),
+            "table1_stretched_length": (place, stretched, "m", "stretched length L"),
+            "table1_tension_lower": (place, lower, "N", "tension at the lower end T0"),
+            "table1_top_tension": ("table1_row", tensions, "N", "tension at the upper end T1"),
+            "table1_unstretched_length_printed": ("table1_row", printed["unstretched_length_m"], "m", "L0 as printed"),
+            "table1_stretched_length_printed": ("table1_row", printed["stretched_length_m"], "m", "L as printed"),
+            "table1_tension_lower_printed": ("table1_row", printed["bottom_tension_N"], "N", "T0 as printed"),
+            "table1_elongation_printed": ("table1_row", printed["elongation_m"], "m", "L - L0 as printed"),
+            "table1_source": ("table1_row", misfit.argmin(axis=1),
+                "1", "index of the stiffness whose linearised L0 is nearest to the print"),
+            "table1_misfit": ("table1_row", misfit.min(axis=1), "m", "distance of that L0 from the print"),
         },
-        coords={"table1_stiffness": stiffness, "procedure": ["linearised", "exact"]},
-    )
-    m, n = "m", "N"
-    label(
-        result,
-        table1_unstretched_length=(m, "unstretched length L0 for the tension of the row"),
-        table1_stretched_length=(m, "stretched length L"),
-        table1_tension_lower=(n, "tension at the lower end T0"),
-        table1_top_tension=(n, "tension at the upper end T1"),
-        table1_unstretched_length_printed=(m, "L0 as printed"),
-        table1_stretched_length_printed=(m, "L as printed"),
-        table1_tension_lower_printed=(n, "T0 as printed"),
-        table1_elongation_printed=(m, "L - L0 as printed"),
-        table1_source=("1", "index of the stiffness whose linearised L0 is nearest to the print"),
-        table1_misfit=(m, "distance of that L0 from the print"),
-        table1_stiffness=(n, "axial stiffness K"),
-        procedure=("1", "linearised: eqs. (9)-(16); exact: elastic catenary"),
-    )
-    return provenance.record(result, function="paper.statics.table1", parameters={}, inputs=[base])
+        {
+            "table1_stiffness": (stiffness, "N", "axial stiffness K"),
+            "procedure": (["linearised", "exact"], "1", "linearised: eqs. (9)-(16); exact: elastic catenary"),
+        },
+        [base],
+    )  # fmt: skip
 
 
 def rest_comparison(
@@ -202,25 +191,21 @@ def rest_comparison(
     options: dict[str, Any] = {"scheme": "velocity_verlet", "tolerance": CHAIN_TOLERANCE, "outputs": ("position",)}
     ours = chain.simulate(coarse, times=times, **options)["position"].values
     theirs = independent_chain.simulate(coarse, times)
-    result = xr.Dataset(
+    return described(
+        "statics.rest_comparison", {"links": list(links), "moving_links": moving_links, "duration": duration},
         {
-            "rest_gap": ("rest_links", gaps),
-            "catenary_gap": ((), _boundary_value_gap(inextensible(guy, float(guy["cable_top_tension"])))),
-            "motion_gap": ((), float(np.hypot(*np.moveaxis(ours - theirs, -1, 0)).max())),
-            "motion_size": ((), float(np.hypot(*np.moveaxis(ours - ours[0], -1, 0)).max())),
+            "rest_gap": ("rest_links", gaps,
+                "m", "largest distance at rest between a particle of the chain and the elastic catenary"),
+            "catenary_gap": ((), _boundary_value_gap(inextensible(guy, float(guy["cable_top_tension"]))),
+                "m", "largest difference of height between eq. (9) and a boundary value solver"),
+            "motion_gap": ((), float(np.hypot(*np.moveaxis(ours - theirs, -1, 0)).max()),
+                "m", "largest distance between two integrations of Example 1's chain"),
+            "motion_size": ((), float(np.hypot(*np.moveaxis(ours - ours[0], -1, 0)).max()),
+                "m", "largest displacement in that time"),
         },
-        coords={"rest_links": list(links)},
-    )
-    label(
-        result,
-        rest_gap=("m", "largest distance at rest between a particle of the chain and the elastic catenary"),
-        catenary_gap=("m", "largest difference of height between eq. (9) and a boundary value solver"),
-        motion_gap=("m", "largest distance between two integrations of Example 1's chain"),
-        motion_size=("m", "largest displacement in that time"),
-        rest_links=("1", "links of the chain at rest"),
-    )
-    options = {"links": list(links), "moving_links": moving_links, "duration": duration}
-    return provenance.record(result, function="paper.statics.rest_comparison", parameters=options, inputs=[guy])
+        {"rest_links": (list(links), "1", "links of the chain at rest")},
+        [guy],
+    )  # fmt: skip
 
 
 def _boundary_value_gap(curve: Inextensible) -> float:

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, compare, galerkin, pod, provenance
+from cablepod import chain, compare, galerkin, pod
 from cablepod.batch._pool import map_threads
-from cablepod.conventions import label
 from cablepod.errors import NotConvergedWarning, OutOfRangeWarning
 from cablepod.examples import scene
+from cablepod.paper.datasets import described
 from cablepod.paper.examples import fraction_of
 
 #: Tensions at the upper end at rest [N], axial stiffnesses [N], modes of each coordinate.
@@ -97,30 +97,22 @@ def maps(
         for cell, errors in zip(cells, computed, strict=True):
             for name, value in errors.items():
                 values[name][cell] = value
-    result = xr.Dataset(
-        {name: ((*PLACE, "validity_rank") if value.ndim > 2 else PLACE, value) for name, value in values.items()},
-        coords={
-            "validity_tension": list(tensions),
-            "validity_stiffness": list(stiffnesses),
-            "validity_rank": list(ranks),
+    over = {name: ((*PLACE, "validity_rank") if name in BY_RANK else PLACE) for name in VARIABLES}
+    return described(
+        "validity.maps",
+        {
+            "tensions": list(tensions), "stiffnesses": list(stiffnesses), "ranks": list(ranks),
+            "angular_frequency": angular_frequency,
         },
-    )
-    result["validity_angular_frequency"] = ((), angular_frequency)
-    label(
-        result,
-        **VARIABLES,
-        validity_angular_frequency=("rad s-1", "angular frequency of the end motion"),
-        validity_tension=("N", "tension at the upper end at rest T1"),
-        validity_stiffness=("N", "axial stiffness K"),
-        validity_rank=("1", "modes of each coordinate"),
-    )
-    options = {
-        "tensions": list(tensions),
-        "stiffnesses": list(stiffnesses),
-        "ranks": list(ranks),
-        "angular_frequency": angular_frequency,
-    }
-    return provenance.record(result, function="paper.validity.maps", parameters=options, inputs=[base])
+        {name: (over[name], values[name], *VARIABLES[name]) for name in VARIABLES}
+        | {"validity_angular_frequency": ((), angular_frequency, "rad s-1", "angular frequency of the end motion")},
+        {
+            "validity_tension": (list(tensions), "N", "tension at the upper end at rest T1"),
+            "validity_stiffness": (list(stiffnesses), "N", "axial stiffness K"),
+            "validity_rank": (list(ranks), "1", "modes of each coordinate"),
+        },
+        [base],
+    )  # fmt: skip
 
 
 def _cell(base: xr.Dataset, tension: float, stiffness: float, ranks: Sequence[int]) -> dict[str, object]:
