@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import xarray as xr
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, user_stacklevel
 from cablepod.parameters._parameters import InWind, Parameters
+from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._wind_field import RECORD, check_above_ground, checked_field, field_of_record, key_of_record
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import across_of, direction_of, gusts
@@ -71,13 +71,14 @@ class CableAir:
         return float(np.sqrt((self.velocity * self.velocity).sum(axis=-1)).max())
 
 
-def linear_between(given: np.ndarray, values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Interpolate values (samples, points, dims) at the relative arc lengths `given` (points,) to those in `sigma` (places,)."""
+def linear_between(given: np.ndarray, values: np.ndarray, places: np.ndarray, axis: int = 1) -> np.ndarray:
+    """Interpolate values (samples, points, dims), given at rising places or instants along an axis, to others, held beyond."""
     if given.size == 1:
-        return np.repeat(values, sigma.size, axis=1)
-    right = np.clip(np.searchsorted(given, sigma), 1, given.size - 1)
-    share = np.clip((sigma - given[right - 1]) / (given[right] - given[right - 1]), 0.0, 1.0)[:, None]
-    return (1.0 - share) * values[:, right - 1] + share * values[:, right]
+        return np.repeat(values, places.size, axis=axis)
+    right = np.clip(np.searchsorted(given, places), 1, given.size - 1)
+    share = np.clip((places - given[right - 1]) / (given[right] - given[right - 1]), 0.0, 1.0)
+    share = share.reshape(-1, *[1] * (values.ndim - 1 - axis))
+    return (1.0 - share) * values.take(right - 1, axis) + share * values.take(right, axis)
 
 
 def air_of(p: Parameters, end_time: float, given: xr.Dataset | None = None) -> CableAir | None:
@@ -153,7 +154,8 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     mean = mean_velocity(p, position)
     if p.turbulence is not None:
         rate, interval = 1.0 / INTERVAL, INTERVAL
-        velocity = mean + _kept_turbulence(_Content(p, position), end_time)[: instants_until(end_time)]
+        content = ByKey((key_of_wind(p), position.tobytes()), (p, position))
+        velocity = mean + _kept_turbulence(content, end_time)[: instants_until(end_time)]
         time = np.arange(len(velocity)) * INTERVAL
     else:
         rate, interval = (RAMP_SAMPLES / ramp, ramp / PARTS_OF_RAMP) if ramp else (1.0, math.inf)
@@ -173,12 +175,6 @@ def density_of(p: InWind) -> float:
 def drag_of(p: Parameters, air_density: float) -> float:
     """Return half the density of the air times drag coefficient and diameter [kg/m2]."""
     return 0.5 * air_density * float(p.drag_coefficient) * float(p.diameter)
-
-
-def smooth_step(s: np.ndarray) -> np.ndarray:
-    """Return the step from 0 to 1 with two continuous derivatives, for s from 0 to 1."""
-    s = np.clip(s, 0.0, 1.0)
-    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 def rest_points(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
@@ -227,33 +223,24 @@ def instants_until(end_time: float) -> int:
     return math.ceil(end_time / INTERVAL * (1.0 - 1e-12)) + 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Content:
-    """Parameters and positions (points, dims) [m], equal where all that the turbulence follows from is."""
+@dataclass(frozen=True)
+class ByKey:
+    """What a kept result follows from, equal where the keys are."""
 
-    p: Parameters
-    position: np.ndarray
+    key: Any
+    values: Any = field(compare=False)
 
-    @cached_property
-    def _key(self) -> tuple[str, bytes]:
-        tables = [{key: np.asarray(value).tolist() for key, value in (table or {}).items()} for table in self._tables]
-        return repr(tables), self.position.tobytes()
 
-    @property
-    def _tables(self) -> tuple[Mapping[str, Any] | None, Mapping[str, Any] | None]:
-        return self.p.wind, self.p.turbulence
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Content) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+def key_of_wind(p: InWind) -> str:
+    """Return the tables of the wind as text, equal where their values are."""
+    tables = (p.wind or {}, p.turbulence or {})
+    return repr([sorted((key, np.asarray(value).tolist()) for key, value in table.items()) for table in tables])
 
 
 @lru_cache(2)
-def _kept_turbulence(content: _Content, end_time: float) -> np.ndarray:
+def _kept_turbulence(content: ByKey, end_time: float) -> np.ndarray:
     """Return :func:`turbulence_at`; kept, as members of an ensemble that differ in other things than the wind share it."""
-    return turbulence_at(content.p, content.position, end_time)
+    return turbulence_at(*content.values, end_time)
 
 
 def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.ndarray | None = None) -> np.ndarray:
@@ -285,11 +272,7 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
 def _of_field(p: Parameters, end_time: float, given: xr.Dataset, key: str = "wind") -> CableAir:
     """Return the air of a given field."""
     time, sigma, velocity, mean = checked_field(p, end_time, given, key)
-    rate = (time.size - 1) / (time[-1] - time[0])
-    if time[0] != 0.0 or np.abs(np.diff(time) * rate - 1.0).max() > 1e-6:
-        rate = min(1.0 / float(np.diff(time).min()), MAX_RESAMPLING * rate)  # resampled at its shortest interval
-        samples = np.arange(math.ceil(time[-1] * rate) + 1) / rate
-        velocity = _interpolated(samples, time, velocity)
+    rate, velocity = resampled(time, velocity)
     return CableAir(velocity, sigma, rate, drag_of(p, density_of(p)), mean, 1.0 / rate)
 
 
@@ -299,16 +282,7 @@ def _of_record(p: Parameters, end_time: float) -> CableAir:
     assert p.turbulence is not None
     sigma, position = rest_points(p)
     air = _of_field(p, end_time, field_of_record(p.turbulence), key_of_record(p))
-    stated = mean_velocity(p, position)
-    difference = float(np.linalg.norm(air.steady.at(sigma)[0] - stated, axis=-1).mean())
-    speed = float(np.linalg.norm(stated, axis=-1).mean())
-    if difference > MAX_DIFFERENCE * speed:
-        warnings.warn(
-            f"wind.speed, wind.direction: the mean wind of {RECORD} differs by {difference:.3g} m/s from that of [wind], "
-            f"{speed:.3g} m/s along the cable; the record is used; change wind.speed and wind.direction to its mean",
-            UserWarning,
-            stacklevel=user_stacklevel(),
-        )
+    warn_of_other_mean(air.steady.at(sigma)[0], mean_velocity(p, position), "along the cable")
     ramp = float(p.wind.get("ramp", 0.0))
     if not ramp:
         return air
@@ -316,11 +290,25 @@ def _of_record(p: Parameters, end_time: float) -> CableAir:
     return replace(air, velocity=air.velocity * step[:, None, None], mean=0.0 * air.mean)
 
 
-def _interpolated(samples: np.ndarray, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return velocities (samples, points, dims) linear between those at `time`."""
-    right = np.clip(np.searchsorted(time, samples), 1, time.size - 1)
-    share = np.clip((samples - time[right - 1]) / (time[right] - time[right - 1]), 0.0, 1.0)[:, None, None]
-    return (1.0 - share) * velocity[right - 1] + share * velocity[right]
+def resampled(time: np.ndarray, velocity: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return velocities given at instants [s] as samples at equal intervals from 0 on, and the samples per second."""
+    rate = float((time.size - 1) / (time[-1] - time[0]))
+    if time[0] == 0.0 and np.abs(np.diff(time) * rate - 1.0).max() <= 1e-6:
+        return rate, velocity
+    rate = min(1.0 / float(np.diff(time).min()), MAX_RESAMPLING * rate)  # the shortest interval
+    return rate, linear_between(time, velocity, np.arange(math.ceil(time[-1] * rate) + 1) / rate, axis=0)
+
+
+def warn_of_other_mean(mean: np.ndarray, stated: np.ndarray, where: str) -> None:
+    """Warn of a record whose mean wind (points, dims) [m/s] is far from the `stated` one of [wind]; `where` says of what."""
+    difference, speed = (float(np.linalg.norm(v, axis=-1).mean()) for v in (mean - stated, stated))
+    if difference > MAX_DIFFERENCE * speed:
+        warnings.warn(
+            f"wind.speed, wind.direction: the mean wind of {RECORD} differs by {difference:.3g} m/s from that of [wind], "
+            f"{speed:.3g} m/s {where}; the record is used; change wind.speed and wind.direction to its mean",
+            UserWarning,
+            stacklevel=user_stacklevel(),
+        )
 
 
 def check_no_wind(p: Parameters, where: str) -> None:

@@ -19,10 +19,10 @@ from cablepod.scene._mast import scene_kind
 from cablepod.scene._mast_field import mast_points
 from cablepod.wind._air import (
     INTERVAL,
-    _interpolated,
     air_of,
     has_record,
     instants_until,
+    linear_between,
     mean_velocity,
     rest_points,
     turbulence_at,
@@ -127,7 +127,7 @@ def _turbulence(p: Any, position: np.ndarray, time: np.ndarray) -> np.ndarray:
     instants = INTERVAL * np.arange(len(values))
     if np.array_equal(time, instants[: time.size]):
         return values[: time.size]
-    return _interpolated(time, instants, values)
+    return linear_between(instants, values, time, axis=0)
 
 
 def _of_record(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +137,7 @@ def _of_record(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple
     air: Any = air_of(p, float(time[-1]))
     sigma = rest_points(p)[0]
     instants = np.arange(len(air.velocity)) / air.samples_per_second
-    return air.steady.at(sigma)[0], _interpolated(time, instants, air.at(sigma))
+    return air.steady.at(sigma)[0], linear_between(instants, air.at(sigma), time, axis=0)
 
 
 def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import threading
-import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -13,23 +11,25 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError, user_stacklevel
+from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
+from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS, at_mast_points, mast_points
-from cablepod.scene._wind_field import RECORD, field_of_record, key_of_record
+from cablepod.scene._wind_field import field_of_record, key_of_record
 from cablepod.wind._air import (
     INTERVAL,
-    MAX_DIFFERENCE,
-    MAX_RESAMPLING,
     SAMPLES_TOGETHER,
-    _interpolated,
+    ByKey,
     density_of,
     drag_of,
     has_record,
     instants_until,
+    key_of_wind,
+    linear_between,
     mean_velocity,
-    smooth_step,
+    resampled,
     turbulence_at,
+    warn_of_other_mean,
 )
 from cablepod.wind._turbulence import direction_of
 
@@ -117,8 +117,8 @@ def mast_air(p: MastParameters, end_time: float, given: xr.Dataset | None = None
                     raise SceneError(
                         f"cables.{guy.name}.diameter: missing; allowed: a diameter [m], on which the wind acts"
                     )
-            return _of_field(_Content(p, end_time, given, "wind"))
-        return _of_scene(_Content(p, max(end_time, p.duration or 0.0)))
+            return _of_field(_content(p, end_time, given, "wind"))
+        return _of_scene(_content(p, max(end_time, p.duration or 0.0)))
 
 
 def mean_mast_air(p: MastParameters) -> MastAir | None:
@@ -131,35 +131,21 @@ def has_ramp(p: MastParameters) -> bool:
     return p.wind is not None and bool(float(p.wind["ramp"]))
 
 
-class _Content:
-    """What determines the air on a mast, compared by its values."""
-
-    def __init__(self, p: MastParameters, end_time: float, given: xr.Dataset | None = None, key: str = "") -> None:
-        self.p, self.end_time, self.given, self.name = p, end_time, given, key
-        positions = mast_points(p)[0]
-        tables: Any = [
-            (name, np.asarray(value).tolist())
-            for table in (p.wind or {}, p.turbulence or {})
-            for name, value in sorted(table.items())
-        ]
-        if given is not None:  # checked before it is hashed
-            self.field = _resampled(p, end_time, given, key)
-            digest = hashlib.sha256(np.ascontiguousarray(self.field[1]).tobytes())
-            digest.update(np.ascontiguousarray(self.field[2]).tobytes())
-            tables = (tables, self.field[0], digest.hexdigest())
-        self.key = (repr(tables), float(end_time), positions.tobytes())
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Content) and self.key == other.key
-
-    def __hash__(self) -> int:
-        return hash(self.key)
+def _content(p: MastParameters, end_time: float, given: xr.Dataset | None = None, key: str = "") -> ByKey:
+    """Return what determines the air on a mast: parameters, end of the run, and of a given field what is taken of it."""
+    taken, digest = None, hashlib.sha256(mast_points(p)[0].tobytes())
+    if given is not None:  # checked before it is hashed
+        time, velocity, mean = at_mast_points(p, end_time, given, key)
+        taken = (*resampled(time, velocity), mean)
+        for values in taken:
+            digest.update(np.ascontiguousarray(values).tobytes())
+    return ByKey((key_of_wind(p), float(end_time), digest.hexdigest()), (p, end_time, taken))
 
 
 @lru_cache(KEPT_FIELDS)
-def _of_scene(content: _Content) -> MastAir:
+def _of_scene(content: ByKey) -> MastAir:
     """Return the air of the tables [wind] and [wind.turbulence]."""
-    p, end_time = content.p, content.end_time
+    p, end_time, _ = content.values
     assert p.wind is not None
     if has_record(p):
         return _of_record(p, end_time)
@@ -194,9 +180,9 @@ def _order_in_wind(p: MastParameters) -> np.ndarray:
 
 
 @lru_cache(2)
-def _of_field(content: _Content) -> MastAir:
+def _of_field(content: ByKey) -> MastAir:
     """Return the air of a given field."""
-    p, (rate, velocity, mean) = content.p, content.field
+    p, _, (rate, velocity, mean) = content.values
     position = mast_points(p)[0]
     profile = mean_velocity(p, position) if p.wind is not None else None
     has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9)) and not has_ramp(p)
@@ -206,17 +192,8 @@ def _of_field(content: _Content) -> MastAir:
 def _of_record(p: MastParameters, end_time: float) -> MastAir:
     """Return the air of wind.turbulence.record, with the ramp of the scene."""
     assert p.turbulence is not None
-    air = _of_field(_Content(p, end_time, field_of_record(p.turbulence), key_of_record(p)))
-    stated = mean_velocity(p, air.positions)
-    difference = float(np.linalg.norm(air.mean - stated, axis=-1).mean())
-    speed = float(np.linalg.norm(stated, axis=-1).mean())
-    if difference > MAX_DIFFERENCE * speed:
-        warnings.warn(
-            f"wind.speed, wind.direction: the mean wind of {RECORD} differs by {difference:.3g} m/s from that of [wind], "
-            f"{speed:.3g} m/s on mast and guys; the record is used; change wind.speed and wind.direction to its mean",
-            UserWarning,
-            stacklevel=user_stacklevel(),
-        )
+    air = _of_field(_content(p, end_time, field_of_record(p.turbulence), key_of_record(p)))
+    warn_of_other_mean(air.mean, mean_velocity(p, air.positions), "on mast and guys")
     return _ramped(p, air)
 
 
@@ -230,20 +207,10 @@ def _ramped(p: MastParameters, air: MastAir) -> MastAir:
     return replace(rising, velocity=air.velocity * rising.growth[:, None, None])
 
 
-def _resampled(p: MastParameters, end_time: float, given: xr.Dataset, key: str) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return samples per second, velocities (samples, points, 3) and means (points, 3) [m/s] of a field on a mast."""
-    time, velocity, mean = at_mast_points(p, end_time, given, key)
-    rate = (time.size - 1) / (time[-1] - time[0])
-    if time[0] != 0.0 or np.abs(np.diff(time) * rate - 1.0).max() > 1e-6:
-        rate = min(1.0 / float(np.diff(time).min()), MAX_RESAMPLING * rate)  # resampled at its shortest interval
-        velocity = _interpolated(np.arange(math.ceil(time[-1] * rate) + 1) / rate, time, velocity)
-    return float(rate), velocity, mean
-
-
 def mast_field(p: MastParameters, time: np.ndarray) -> tuple[MastAir, np.ndarray]:
     """Return the air on a mast without its ramp, and its velocity at instants (instants, points, 3) [m/s]."""
     still = replace(p, wind={**(p.wind or {}), "ramp": 0.0})
     air: Any = mast_air(still, float(time[-1]))
     if len(air.velocity) == 2:  # steady
         return air, np.repeat(air.mean[None], time.size, axis=0)
-    return air, _interpolated(time, np.arange(len(air.velocity)) / air.samples_per_second, air.velocity)
+    return air, linear_between(np.arange(len(air.velocity)) / air.samples_per_second, air.velocity, time, axis=0)
