@@ -29,12 +29,9 @@ from cablepod.rigid._kernels_layout import (
     HALF,
     INVERSE_LENGTH,
     INVERSE_MASS,
-    KINETIC,
     LOAD,
     LOADS,
     LOST,
-    MASS,
-    MAX_ROTATION_SQUARED,
     NOT_CONVERGED,
     NX,
     OUT_OF_BALANCE,
@@ -49,12 +46,12 @@ from cablepod.rigid._kernels_layout import (
     X,
 )
 from cablepod.rigid._kernels_terms import (
-    check_balance,
+    by_mass,
     copy_vectors,
+    end_step,
     end_work,
     kinetic_energy,
     load_accelerations,
-    max_rotation_squared,
     save_state,
     set_ends,
     update_extremes,
@@ -98,10 +95,7 @@ def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, dampin
         load_accelerations(s, links, spatial, patterns, factors[i])
     if not index1_accelerations(s, links, spatial, velocity, unit, damping):
         return False
-    total = 0.0
-    for j in range(links + 1):
-        total += s[MASS, j] * dot(s, LOAD, j, velocity, j, spatial)
-    powers[0] += weight * total
+    powers[0] += weight * by_mass(s, links, spatial, LOAD, velocity)
     if moving:
         powers[1] += weight * end_work(s, links, spatial, CORRECTION, unit, velocity)
     if damping > 0.0:
@@ -176,15 +170,11 @@ def index1(
         if not project_velocities(s, links, spatial, HALF, N):
             link_vectors(s, links, spatial, X, E)
             return i, SINGULAR
-        copy_vectors(s, links, spatial, NX, X)
-        copy_vectors(s, links, spatial, N, E)
         copy_vectors(s, links, spatial, HALF, V)
         counts[LOADS] += step / 6.0 * powers[0]
         counts[ENDS] += step / 6.0 * powers[1]
         counts[LOST] += step / 6.0 * powers[2]
-        counts[KINETIC] = kinetic_energy(s, links, spatial, V)
-        counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], max_rotation_squared(s, links, spatial))
-        if not check_balance(counts):
+        if not end_step(s, links, spatial, counts):
             return i + 1, OUT_OF_BALANCE
     return steps, DONE
 

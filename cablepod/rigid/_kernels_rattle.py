@@ -8,7 +8,7 @@ v_new = v_half + h / 2m (P_new + G_new^T U),  e.(v_(j+1) - v_j) = 0.
 from __future__ import annotations
 
 from cablepod._jit import compiled
-from cablepod.rigid._kernels_constraints import dimensions, dot, project_positions, project_velocities
+from cablepod.rigid._kernels_constraints import dimensions, project_positions, project_velocities
 from cablepod.rigid._kernels_index1 import index1_accelerations
 from cablepod.rigid._kernels_layout import (
     ACCELERATION,
@@ -23,8 +23,6 @@ from cablepod.rigid._kernels_layout import (
     LOAD,
     LOADS,
     LOST,
-    MASS,
-    MAX_ROTATION_SQUARED,
     NX,
     OUT_OF_BALANCE,
     SINGULAR,
@@ -37,12 +35,11 @@ from cablepod.rigid._kernels_layout import (
     X,
 )
 from cablepod.rigid._kernels_terms import (
-    check_balance,
-    copy_vectors,
+    by_mass,
+    end_step,
     end_work,
     kinetic_energy,
     load_accelerations,
-    max_rotation_squared,
     save_state,
     set_ends,
     update_extremes,
@@ -120,22 +117,17 @@ def rattle(
             for j in range(links):
                 s[T, j] = s[T_BEFORE, j]
             return i, status
-        work = 0.0
         for c in range(dims):
             for j in range(links + 1):
                 force = s[FORCE + c, j + 1] - s[FORCE + c, j]
                 s[HALF + c, j] += half * s[INVERSE_MASS, j] * force
                 s[SUM_X + c, j] = s[NX + c, j] - s[X + c, j]  # displacement
-        for j in range(links + 1):
-            work += s[MASS, j] * dot(s, LOAD, j, SUM_X, j, spatial)
+        work = by_mass(s, links, spatial, LOAD, SUM_X)
         if moving:
             counts[ENDS] += 0.5 * end_work(s, links, spatial, T, E, SUM_X)
         if patterns.shape[0] > 0:
             load_accelerations(s, links, spatial, patterns, factors[i + 1])
-            work_after = 0.0
-            for j in range(links + 1):
-                work_after += s[MASS, j] * dot(s, LOAD, j, SUM_X, j, spatial)
-            work = 0.5 * (work + work_after)
+            work = 0.5 * (work + by_mass(s, links, spatial, LOAD, SUM_X))
         for c in range(dims):
             for j in range(links + 1):
                 s[V + c, j] = damping_factor * s[HALF + c, j] + half * s[LOAD + c, j]
@@ -145,13 +137,9 @@ def rattle(
             return i, SINGULAR
         if moving:
             counts[ENDS] += 0.5 * end_work(s, links, spatial, CORRECTION, N, SUM_X) / half
-        copy_vectors(s, links, spatial, NX, X)
-        copy_vectors(s, links, spatial, N, E)
-        kinetic = kinetic_energy(s, links, spatial, V)
         counts[LOADS] += work
-        counts[LOST] += step * damping * (counts[KINETIC] + kinetic)
-        counts[KINETIC] = kinetic
-        counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], max_rotation_squared(s, links, spatial))
-        if not check_balance(counts):
+        if damping > 0.0:
+            counts[LOST] += step * damping * (counts[KINETIC] + kinetic_energy(s, links, spatial, V))
+        if not end_step(s, links, spatial, counts):
             return i + 1, OUT_OF_BALANCE
     return steps, DONE

@@ -23,7 +23,11 @@ from cablepod.rigid._kernels_layout import (
     MAX_ENDS,
     MAX_KINETIC,
     MAX_LOADS,
+    MAX_ROTATION_SQUARED,
+    NX,
     STEADY,
+    E,
+    N,
     V,
     X,
 )
@@ -67,16 +71,32 @@ def end_work(s, links, spatial, multiplier, unit, row):
 
 
 @compiled(literal=False)
-def kinetic_energy(s, links, spatial, velocity):
-    """Return the kinetic energy [J] of the velocities in the rows `velocity`."""
+def by_mass(s, links, spatial, first, second):
+    """Return the sum of the masses times the inner products of the vectors in the rows from `first` and from `second` on."""
     total = 0.0
     for j in range(links + 1):
-        total += s[MASS, j] * dot(s, velocity, j, velocity, j, spatial)
-    return 0.5 * total
+        total += s[MASS, j] * dot(s, first, j, second, j, spatial)
+    return total
+
+
+@compiled(literal=False)
+def kinetic_energy(s, links, spatial, velocity):
+    """Return the kinetic energy [J] of the velocities in the rows `velocity`."""
+    return 0.5 * by_mass(s, links, spatial, velocity, velocity)
 
 
 @compiled
-def max_rotation_squared(s, links, spatial):
+def end_step(s, links, spatial, counts):
+    """Go on to the new positions and link vectors; update the maximum rotation; returns whether the energies are in balance."""
+    copy_vectors(s, links, spatial, NX, X)
+    copy_vectors(s, links, spatial, N, E)
+    counts[KINETIC] = kinetic_energy(s, links, spatial, V)
+    counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], _max_rotation_squared(s, links, spatial))
+    return _is_balanced(counts)
+
+
+@compiled
+def _max_rotation_squared(s, links, spatial):
     """Return the square of the maximum rotation rate of a link [1/s2]."""
     largest = 0.0
     for j in range(links):
@@ -88,7 +108,7 @@ def max_rotation_squared(s, links, spatial):
 
 
 @compiled
-def check_balance(counts):
+def _is_balanced(counts):
     """Update the energy balance and the maximum energies; returns whether the imbalance is acceptable."""
     balance = counts[KINETIC] - counts[FIRST_KINETIC] - counts[LOADS] - counts[ENDS] + counts[LOST]
     if not abs(balance) <= counts[BALANCE]:
