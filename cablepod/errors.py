@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import warnings
 from collections.abc import Iterable
 from typing import Any
 
@@ -125,6 +126,11 @@ def one_of(allowed: Iterable[str], given: Any) -> str:
     """Return the field "allowed" of a choice of words, with the remedy where `given` resembles one of them."""
     words = list(allowed)
     return "one of " + ", ".join(f'"{word}"' for word in words) + did_you_mean(given, words)
+
+
+def warn(text: str | Warning, category: type[Warning] = UserWarning) -> None:
+    """Warn at the first line outside this package."""
+    warnings.warn(text, category, stacklevel=user_stacklevel())
 
 
 def user_stacklevel() -> int:

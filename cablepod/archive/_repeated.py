@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
@@ -11,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.errors import SceneError, user_stacklevel
+from cablepod.errors import SceneError, warn
 
 #: Largest difference of a value that counts as rounding, as a fraction of the largest absolute value of variables of its unit.
 ROUNDING = 1e-9
@@ -76,18 +75,16 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any]) ->
     if differences:
         most, name = max(differences)
         names = ", ".join(name for _, name in differences)
-        warnings.warn(
+        warn(
             f"{_name(dataset)}, {identifier}: differs from the record within rounding, in {names}, {name} by {most:.1g} of the "
             "largest absolute value; going on; try: its file, where that matters",
             RepeatedWarning,
-            stacklevel=user_stacklevel(),
         )
     if found != identifier:
-        warnings.warn(
+        warn(
             f"{_name(dataset)}: has the id {found} in place of {identifier}, with the same values; going on; "
             "try: the versions in both histories",
             RepeatedWarning,
-            stacklevel=user_stacklevel(),
         )
 
 

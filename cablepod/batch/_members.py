@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import inspect
 import threading
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
@@ -29,7 +28,7 @@ from cablepod.errors import (
     RunStopped,
     SceneError,
     StoppedError,
-    user_stacklevel,
+    warn,
 )
 from cablepod.parameters._parameters import count_instants
 
@@ -162,11 +161,10 @@ def run_members(
     for i, _ in failed:
         stack.fill_failed(i)
     if failed:
-        warnings.warn(
+        warn(
             f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: "
             f"{failed[0][1]}; see the variable failure for each",
             MemberFailedWarning,
-            stacklevel=user_stacklevel(),
         )
     return stack
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from cablepod.cable._mesh import part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ImplicitCableRun
 from cablepod.discretisation._chain import square
-from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, warn
 from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._refinement import observed_order
 from cablepod.integrate._request import Request
@@ -124,12 +123,11 @@ def refine_in_space(
         if estimate <= (0.5 if count < counts[-1] else 1.0) * tolerance:  # with a margin if a finer mesh is left
             break
     else:
-        warnings.warn(
+        warn(
             f"not converged in space: estimated error {estimate:.2g} of the motion with {run.chain.sizes.size} elements, "
             f"tolerance {tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of "
             "elements, or a larger tolerance",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )
     return solution._replace(run=run, trajectory=trajectory), estimate
 

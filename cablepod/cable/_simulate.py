@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -20,7 +19,7 @@ from cablepod.cable._start import attached_forces, converged_equilibrium, start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.discretisation._modal_damping import implicit_scheme
-from cablepod.errors import NotConvergedWarning, SceneError, user_stacklevel
+from cablepod.errors import NotConvergedWarning, SceneError, warn
 from cablepod.integrate._coarse import driven_of, end_time_of, warn_of_few_elements
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
@@ -321,9 +320,8 @@ def simulate(
 def _warn_of_energy_excess(excess: float) -> None:
     """Warn if a given step makes the energy exceed the energy supplied."""
     if excess > ENERGY_WARN:
-        warnings.warn(
+        warn(
             f"the cable holds up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
             "long for a cable that slackens and snaps taut; compare with half the step",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )

@@ -6,7 +6,6 @@ The public name is ``cablepod.catenary.stringing``; the file stands here for the
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -23,7 +22,7 @@ from cablepod.cable._summary import largest_tensions, rest_in_wind, utilisation
 from cablepod.catenary._sag import sag_of_scene
 from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.conventions import STILL_AIR, label
-from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, user_stacklevel
+from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, warn
 from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ICE, TOP, check_table
@@ -153,9 +152,7 @@ def _warn_of_unusual(temperatures: list[float], p: Parameters) -> None:
     reference = REFERENCE if p.temperatures is None else float(p.temperatures[1])
     notes = worst_first(note for value in temperatures for note in notes_of_temperatures((value, reference)))
     if notes:
-        warnings.warn(
-            f"temperatures: given {notes[0].text}; try: degrees Celsius", UnusualSceneWarning, user_stacklevel()
-        )
+        warn(f"temperatures: given {notes[0].text}; try: degrees Celsius", UnusualSceneWarning)
 
 
 def _named(cases: Any) -> Mapping[str, Any]:

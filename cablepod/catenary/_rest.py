@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
@@ -13,7 +11,7 @@ from cablepod._inputs import SCENE, taken
 from cablepod.catenary._piecewise import is_piecewise
 from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenaries, solve_statics
 from cablepod.conventions import COORDINATES, STILL_AIR, label
-from cablepod.errors import SceneError, user_stacklevel
+from cablepod.errors import SceneError, warn
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._keys import CATENARY_KEYS, exactly_one
@@ -74,11 +72,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     for p in members:
         refuse_own(p, "chain.rest")
     if any(p.point_loads for p in members):
-        warnings.warn(
-            "catenary.rest leaves out the point loads of the scene; use chain.rest to include them",
-            UserWarning,
-            stacklevel=user_stacklevel(),
-        )
+        warn("catenary.rest leaves out the point loads of the scene; use chain.rest to include them")
     solved = [_rest_of_member(p, points) for p in members]
     single = "member" not in scene.dims
     position, tension, arc_length, scalars = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
@@ -21,7 +20,7 @@ from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
 from cablepod.discretisation._modal_damping import check_count, implicit_scheme
-from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, warn
 from cablepod.integrate._chain_run import ChainRun
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
@@ -189,11 +188,10 @@ def solution_of(search: Search) -> Solution:
     solved = Solution.of(search)
     excess = solved.trajectory.diagnostics["energy_excess"]
     if solved.time_error is None and excess > ENERGY_WARN:
-        warnings.warn(
+        warn(
             f"the links hold up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
             "long for links that slacken and snap taut; compare with half the step or with scheme energy_momentum",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )
     return solved
 

@@ -7,13 +7,12 @@ import pickle
 import platform
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError, Future
 from importlib import metadata
 from typing import Any
 
-from cablepod.errors import RunStopped, SceneError, WorkersWarning, scene_error, shown, user_stacklevel
+from cablepod.errors import RunStopped, SceneError, WorkersWarning, scene_error, shown, warn
 
 #: Maximum time until a scheduler answers [s].  Its workers have no limit.
 CONNECT_TIMEOUT = 10.0
@@ -237,7 +236,7 @@ class DaskPool:
     @staticmethod
     def warn(text: str) -> None:
         """Warn at the user's line."""
-        warnings.warn(text, WorkersWarning, stacklevel=user_stacklevel())
+        warn(text, WorkersWarning)
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 
 from cablepod.archive._manifest import errors_text, worst_first
-from cablepod.errors import MemberFailedWarning, NotConvergedWarning, OutOfRangeWarning, user_stacklevel
+from cablepod.errors import MemberFailedWarning, NotConvergedWarning, OutOfRangeWarning, warn
 from cablepod.reduced._validity import warn_condensed_members
 
 #: Begin of a warning of the members of one batch, see :func:`cablepod.reduced._validity.warn_condensed_members`.
@@ -87,12 +87,11 @@ def emit_warnings(notes: list[Note], count: int, time_errors: Mapping[str, Seque
         Time error above which a member counts as not converged.
     """
     if time_errors:
-        warnings.warn(
+        warn(
             f"{len(time_errors)} of {count} members have not converged in time, with an estimated error above {accepted:g}; the "
             f"worst: {_worst(time_errors)}; their motion is chaotic (judge it by statistics), or axial waves or snaps are not "
             "resolved; give a ramp to motions that start with a jump, a shorter step, or a larger tolerance",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )
         notes = [note for note in notes if note[0] is not NotConvergedWarning or "not converged in time" not in note[1]]
     for category in dict.fromkeys(category for category, _ in notes):
@@ -100,7 +99,7 @@ def emit_warnings(notes: list[Note], count: int, time_errors: Mapping[str, Seque
         if category is MemberFailedWarning:
             continue
         more = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
-        warnings.warn(texts[0] + more, category, stacklevel=user_stacklevel())
+        warn(texts[0] + more, category)
 
 
 def _worst(errors: Mapping[str, Sequence[float]]) -> str:

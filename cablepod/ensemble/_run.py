@@ -38,7 +38,7 @@ from cablepod.errors import (
     RunStopped,
     SceneError,
     scene_error,
-    user_stacklevel,
+    warn,
 )
 from cablepod.integrate._request import Request, check_times
 from cablepod.parameters._checks import integer
@@ -350,9 +350,8 @@ def _warn_of_failures(result: xr.Dataset) -> None:
     """Warn of the number of failed members, with the first reason."""
     failed = np.flatnonzero(result["failure"].values != "")
     if failed.size:
-        warnings.warn(
+        warn(
             f"{failed.size} of {result.sizes['member']} members failed and hold nan, the first is member "
             f"{int(result['member'][failed[0]])}: {result['failure'].values[failed[0]]}; see the variable failure for all",
             MemberFailedWarning,
-            stacklevel=user_stacklevel(),
         )

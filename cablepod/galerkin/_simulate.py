@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +13,7 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, law_of
-from cablepod.errors import NotConvergedWarning, user_stacklevel
+from cablepod.errors import NotConvergedWarning, warn
 from cablepod.galerkin._assembly import model_of
 from cablepod.galerkin._estimate import estimate_of
 from cablepod.galerkin._explicit import ExplicitGalerkinRun
@@ -218,9 +217,8 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
 def _warn_of_energy_defect(defect: float, scheme: str) -> None:
     """Warn if a given step violates the energy balance too much."""
     if defect > MAX_ENERGY_DEFECT:
-        warnings.warn(
+        warn(
             f"energy balance violated by {100.0 * defect:.2g} % of the exchanged energy (energy_defect, {scheme}): the step is "
             "too long for the motion; give a shorter step, or a tolerance instead of a step",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from cablepod.catenary._statics import solve_catenaries
-from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, user_stacklevel
+from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, warn
 from cablepod.mast._drive import drive_of
 from cablepod.mast._guys import GuyStatics, StaticGuy
 from cablepod.mast._kernels_layout import GuyEnds, StaticTerms, StaticWind
@@ -117,11 +116,10 @@ class CatenaryGuys:
         if count and not status:
             self._warn_of_slack(first + spacing * places[0])
         if count and not status and (places[0].min() < 0.0 or places[1].max() > INTERVALS):
-            warnings.warn(
+            warn(
                 f"a guy's end moved by more than {REACH:g} of the height, beyond the table of its force, which is a "
                 'straight line there; compare with guys="chain"',
                 OutOfRangeWarning,
-                stacklevel=user_stacklevel(),
             )
         return result
 
@@ -138,10 +136,9 @@ class CatenaryGuys:
         excess = np.where(taut, np.hypot(least, rises) / lengths - 1.0, np.inf)
         worst = int(excess.argmin())
         if excess[worst] < 0.0:
-            warnings.warn(
+            warn(
                 f"{self.mast.rest.p.guys[worst].key}: the chord of guy {worst + 1} became shorter than its unstretched length, "
                 f"by {-excess[worst]:.2g} of it: it goes slack, where a static guy lacks the motion of a real one; compare with "
                 'guys="chain"',
                 OutOfRangeWarning,
-                stacklevel=user_stacklevel(),
             )

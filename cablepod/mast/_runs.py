@@ -20,7 +20,7 @@ from cablepod.errors import (
     SceneError,
     UnusualSceneWarning,
     scene_error,
-    user_stacklevel,
+    warn,
 )
 from cablepod.integrate._request import check_outputs, check_times
 from cablepod.mast import _output as output
@@ -172,7 +172,7 @@ def warn_of_late_breaks(p: MastParameters, end_time: float) -> None:
     """Warn of guys that do not break before the end of a run [s]; not within members, and not of a start alone."""
     texts = p.late_breaks(end_time) if end_time and not inside_members() else []
     if texts:
-        warnings.warn(f"{'; '.join(texts)}; try a longer run", UnusualSceneWarning, stacklevel=user_stacklevel())
+        warn(f"{'; '.join(texts)}; try a longer run", UnusualSceneWarning)
 
 
 def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:
@@ -243,11 +243,10 @@ def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tup
         if error <= tolerance:
             break
     else:
-        warnings.warn(
+        warn(
             f"tensions still differ by {error:.3g} of their standard deviation from those of half the step, more than the "
             f"tolerance {tolerance:g}; the finest run is returned; try a larger tolerance",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )
     return run, {"time_error_estimate": error}
 
@@ -267,11 +266,10 @@ def _least_force(p: MastParameters, run: MastTrajectory, guys: str) -> dict[str,
     least, time = float(run.monitor[worst, 0]), float(run.monitor[worst, 1]) * run.request.step
     name = "smallest_chordwise_force" if guys == "condensed" else "smallest_tension"
     if guys == "condensed" and least < 0.0 and not run.status:
-        warnings.warn(
+        warn(
             f"{p.guys[worst].key}: the chordwise force of guy {worst + 1} became negative, {least:.3g} N at {time:.6g} s: it "
             'goes slack, where the condensed model resists compression; compare with guys="chain"',
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
     return {name: least, f"time_of_{name}": time}
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
-from cablepod.errors import OutOfRangeWarning, user_stacklevel
+from cablepod.errors import OutOfRangeWarning, warn
 from cablepod.mast._beam import Beam
 
 #: Slope of the mast above which it is not small: its square is about the relative error of the beam's equations.
@@ -24,9 +22,8 @@ def warn_of_slopes(beam: Beam, slopes: np.ndarray, times: np.ndarray | None = No
     at, element = np.unravel_index(int(squares.argmax()), squares.shape)
     if (largest := float(np.sqrt(squares[at, element]))) > LARGE_SLOPE:
         instant = "at rest" if times is None else f"at {times[at]:.6g} s"
-        warnings.warn(
+        warn(
             f"the mast slopes by {largest:.3g} (above {LARGE_SLOPE:g}) {instant}, {beam.height[element]:.4g} m above its foot: "
             f"its equations hold for small slopes and err by about their square, {largest**2:.0%}; check guys and loads",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )

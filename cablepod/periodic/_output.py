@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
@@ -12,7 +11,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, ENDS, STILL_AIR, label
-from cablepod.errors import OutOfRangeWarning, RunStopped, user_stacklevel
+from cablepod.errors import OutOfRangeWarning, RunStopped, warn
 from cablepod.integrate._output import middles_of
 from cablepod.periodic._fields import mode_amplitudes
 from cablepod.periodic._model import PeriodicModel
@@ -135,25 +134,22 @@ def axial_attributes(model: PeriodicModel, harmonic_frequency: float) -> dict[st
 def warn_of_result(attrs: Mapping[str, Any], undamped: str) -> None:
     """Warn of slack cables, waves along the cable, and of stability that no damping decides: `undamped` tells of what."""
     if attrs.get("smallest_chordwise_force", 1.0) < 0.0:
-        warnings.warn(
+        warn(
             f"the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N, below zero: the cable goes slack there, "
             "and the condensed model is ill-posed; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
     ratio = attrs.get("forcing_over_axial_frequency", 0.0)
     if ratio > MAX_FORCING_RATIO:
-        warnings.warn(
+        warn(
             f"harmonics of the motion reach {ratio:.2g} times the first axial frequency, {attrs['first_axial_frequency']:.3g} "
             f"rad/s (above {MAX_FORCING_RATIO}): the condensed model lacks waves along the cable; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
     if undamped:
-        warnings.warn(
+        warn(
             f"{undamped}: responses that are not unstable are neutral, not attracting; give damping.mass_proportional",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from cablepod.errors import OutOfRangeWarning, user_stacklevel
+from cablepod.errors import OutOfRangeWarning, warn
 from cablepod.parameters._parameters import Parameters
 
 #: Maximum ratio of the forcing frequency to the first axial one (above, waves run along the cable, which neither the condensed
@@ -39,11 +38,10 @@ def check_forcing(attrs: Mapping[str, Any], lacking: str, prefix: str = "") -> N
     """Warn where loads or ends change so fast that waves run along the cable."""
     ratio, axial = attrs["forcing_over_axial_frequency"], attrs["first_axial_frequency"]
     if ratio > MAX_FORCING_RATIO:
-        warnings.warn(
+        warn(
             f"{prefix}loads or ends change with {ratio:.2g} times the first axial frequency, {axial:.3g} rad/s (above "
             f"{MAX_FORCING_RATIO}): {lacking} waves along the cable; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
 
 
@@ -52,12 +50,11 @@ def check_estimate(attrs: Mapping[str, Any], prefix: str = "") -> None:
     error = attrs.get("error_estimate", 0.0)
     if error > MAX_ESTIMATED_ERROR:
         of = f" of the model {attrs['model']}, r = {attrs['rank']}" if "model" in attrs and "rank" in attrs else ""
-        warnings.warn(
+        warn(
             f"{prefix}the model expects an error of {error:.2g} times the motion (error_estimate{of}, above "
             f"{MAX_ESTIMATED_ERROR}): "
             "the modes do not represent this scene; give more modes, modes trained nearer to it, or compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
 
 
@@ -66,12 +63,11 @@ def _check_slack(attrs: Mapping[str, Any], prefix: str = "") -> None:
     if attrs["smallest_chordwise_force"] < 0.0:
         implicit = attrs["scheme"] != "velocity_verlet"
         long_step = f" (or the step of {attrs['step']:g} s does not resolve the motion)" if implicit else ""
-        warnings.warn(
+        warn(
             f"{prefix}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
             f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
             f"model is ill-posed{long_step}; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
 
 
@@ -115,21 +111,19 @@ def law_attributes(law: str, stretch: float) -> dict[str, float]:
 def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
     """Warn of diagnostics of a Galerkin run beyond their thresholds."""
     if attrs["smallest_stretch"] < 1.0:
-        warnings.warn(
+        warn(
             f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
             "goes slack there, and few modes do not represent its kinks; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
     extra_tension = attrs.get("tension_above_linear_law", 0.0)
     if extra_tension > MAX_EXTRA_TENSION:
-        warnings.warn(
+        warn(
             f"links are stretched to {attrs['largest_stretch']:.4g} of their unstretched length (largest_stretch), where law "
             f"(21) has {100.0 * extra_tension:.2g} % more tension than the linear law of the same stiffness "
             f"(tension_above_linear_law, above {100.0 * MAX_EXTRA_TENSION:g} %): the motion is that of another material than in "
             'chain.simulate; give law="linear" unless eq. (21) is the law of the cable',
             OutOfRangeWarning,
-            stacklevel=user_stacklevel(),
         )
     if attrs.get("outside_training", math.inf) > 0.0:
         check_forcing(attrs, "modes of slower motion lack")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -16,7 +15,7 @@ from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.conventions import STILL_AIR
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._modal_damping import refuse_damping_ratios
-from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, warn
 from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._request import Request
@@ -182,12 +181,11 @@ def simulate(
         diagnostics = state.diagnostics
         rotation = diagnostics["largest_turn_rate"] / steps_per_second
         if diagnostics["energy_drift"] > DRIFT_WARN or rotation > ROTATION_WARN or diagnostics["steps_cut"]:
-            warnings.warn(
+            warn(
                 f"the step is too long for this motion: a link turns by up to {rotation:.2g} rad per step, "
                 f"{diagnostics['steps_cut']} steps needed substeps, and the energies are out of balance by "
                 f"{diagnostics['energy_drift']:.2g} of the exchanged energy; compare with half the step",
                 NotConvergedWarning,
-                stacklevel=user_stacklevel(),
             )
     else:
         state, _, estimate = _refine_in_time(run, request.tolerance)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import warnings
 from collections.abc import Callable, Iterator, Sequence, Sized
 from contextvars import ContextVar
 from typing import Any, TypeVar, cast
@@ -13,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.batch._members import inside_members
-from cablepod.errors import SceneError, UnusualSceneWarning, user_stacklevel
+from cablepod.errors import SceneError, UnusualSceneWarning, warn
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._note import Note
@@ -69,7 +68,7 @@ def warn_with(text: str) -> None:
         warned = _WARNED.get()
         if warned is not None:
             warned.append(True)
-        warnings.warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning, user_stacklevel())
+        warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning)
 
 
 def checked_members(members: Sized) -> list[int]:

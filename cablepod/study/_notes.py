@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from cablepod.errors import user_stacklevel
+from cablepod.errors import warn
 
 #: What differs between warnings of one kind: the name of the model, and numbers.
 OF_MODEL, NUMBER = re.compile(r"of the model \w+"), re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -34,4 +34,4 @@ class OnceEach:
                     self.left_out += 1
                 else:
                     self.seen.add(kind)
-                    warnings.warn(warning.message, stacklevel=user_stacklevel())
+                    warn(warning.message)

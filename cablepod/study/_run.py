@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 import os
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
@@ -20,7 +19,7 @@ from cablepod._models import REDUCED, Model, model_of
 from cablepod.archive._folder import prepare_folder
 from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
-from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
+from cablepod.errors import RunStopped, SceneError, scene_error, warn
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.scene._mast import scene_kind
@@ -294,9 +293,8 @@ def _ranks_of(ranks: list[int], modes: int) -> list[int]:
     """Return the ranks that the modes have; warn of those that are left out."""
     left = [r for r in ranks if r <= modes]
     if len(left) < len(ranks):
-        warnings.warn(
-            f"ranks: {ranks[len(left) :]} left out, only {modes} modes; use smaller ranks, or more links and snapshots",
-            stacklevel=user_stacklevel(),
+        warn(
+            f"ranks: {ranks[len(left) :]} left out, only {modes} modes; use smaller ranks, or more links and snapshots"
         )
     return left
 

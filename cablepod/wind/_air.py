@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.catenary._rest import _rest_of_member
-from cablepod.errors import SceneError, user_stacklevel
+from cablepod.errors import SceneError, warn
 from cablepod.parameters._parameters import InWind, Parameters
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._wind_field import RECORD, check_above_ground, checked_field, field_of_record, key_of_record
@@ -162,7 +161,7 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
         time = np.arange(RAMP_SAMPLES + 1 if ramp else 2) / rate
         velocity = np.repeat(mean[None], time.size, axis=0)
     if ramp:
-        velocity = velocity * smooth_step(time / ramp)[:, None, None]
+        velocity = velocity * smooth_step(np.asarray(time / ramp, dtype=float))[:, None, None]
     at_start = 0.0 * mean if ramp else mean
     return CableAir(velocity, sigma, rate, drag_of(p, float(p.wind["air_density"])), at_start, interval)
 
@@ -240,7 +239,8 @@ def key_of_wind(p: InWind) -> str:
 @lru_cache(2)
 def _kept_turbulence(content: ByKey, end_time: float) -> np.ndarray:
     """Return :func:`turbulence_at`; kept, as members of an ensemble that differ in other things than the wind share it."""
-    return turbulence_at(*content.values, end_time)
+    p, position = content.values
+    return turbulence_at(p, position, end_time)
 
 
 def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.ndarray | None = None) -> np.ndarray:
@@ -303,11 +303,9 @@ def warn_of_other_mean(mean: np.ndarray, stated: np.ndarray, where: str) -> None
     """Warn of a record whose mean wind (points, dims) [m/s] is far from the `stated` one of [wind]; `where` says of what."""
     difference, speed = (float(np.linalg.norm(v, axis=-1).mean()) for v in (mean - stated, stated))
     if difference > MAX_DIFFERENCE * speed:
-        warnings.warn(
+        warn(
             f"wind.speed, wind.direction: the mean wind of {RECORD} differs by {difference:.3g} m/s from that of [wind], "
-            f"{speed:.3g} m/s {where}; the record is used; change wind.speed and wind.direction to its mean",
-            UserWarning,
-            stacklevel=user_stacklevel(),
+            f"{speed:.3g} m/s {where}; the record is used; change wind.speed and wind.direction to its mean"
         )
 
 

@@ -24,7 +24,7 @@ def test_no_warning_counts_the_frames_by_hand():
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "warnings.warn":
                 levels = [item.value for item in node.keywords if item.arg == "stacklevel"] + node.args[2:]
                 found.append((path.name, node.lineno, [ast.unparse(level) for level in levels]))
-    assert len(found) > 15
+    assert found
     assert [item for item in found if item[2] != ["user_stacklevel()"]] == []
 
 
