@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
@@ -55,6 +55,26 @@ def as_options() -> Iterator[None]:
         if text.startswith(("out: given", "ranks: given")):
             error.args = ("--" + text,)
         raise
+
+
+# --- options ----------------------------------------------------------------------------------------------------------
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def file_option(name: str, text: str, *, metavar: str = "FILE", **options: Any) -> Callable[[F], F]:
+    """Make an option of a file."""
+    return click.option(name, metavar=metavar, shell_complete=complete_file, help=text, **options)
+
+
+def folder_option(text: str, *, required: bool = False) -> Callable[[F], F]:
+    """Make the option ``--out`` of a folder."""
+    return click.option("--out", required=required, metavar="DIR", shell_complete=complete_folder, help=text)
+
+
+def overwrite_option(text: str) -> Callable[[F], F]:
+    """Make the option ``--overwrite``."""
+    return click.option("--overwrite", is_flag=True, help=text)
 
 
 # --- completion -------------------------------------------------------------------------------------------------------

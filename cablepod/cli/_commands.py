@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
@@ -35,22 +34,13 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.scene._read import read_scene
 from cablepod.study._modes import RANK, make_modes
 
-F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("scene", metavar="SCENE.toml", shell_complete=_arguments.complete_scene)
-
-
-def out_option(text: str) -> Callable[[F], F]:
-    """Make the required option ``--out`` of a folder."""
-    return click.option("--out", required=True, metavar="DIR", shell_complete=_arguments.complete_folder, help=text)
-
-
+NEW_FOLDER = _arguments.folder_option("folder for netCDF files and figures; made if missing", required=True)
+REPLACE = _arguments.overwrite_option("replace results that are already in DIR")
 NO_VERIFY = click.option(
-    "--no-verify",
-    "verify",
-    flag_value=False,
-    default=True,
+    "--no-verify", "verify", flag_value=False, default=True,
     help="take files as they are that were changed since they were written",
-)
+)  # fmt: skip
 
 
 @click.group(
@@ -68,21 +58,13 @@ def commands() -> None:
 
 @commands.command("run", **_templates.texts("run"))
 @SCENE
+@_arguments.folder_option("folder for netCDF files and figures; made if missing (default: out/NAME of the scene)")
 @click.option(
-    "--out",
-    metavar="DIR",
-    shell_complete=_arguments.complete_folder,
-    help="folder for netCDF files and figures; made if missing (default: out/NAME of the scene)",
-)
-@click.option(
-    "--ranks",
-    default="1,2,4",
-    metavar="R,R",
-    help="modes of each coordinate to try, 20 at most (default 1,2,4)",
+    "--ranks", default="1,2,4", metavar="R,R", help="modes of each coordinate to try, 20 at most (default 1,2,4)"
 )
 @click.option("--json", "as_json", is_flag=True, help="print answers and table as JSON")
 @_page.OPTION
-@click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
+@REPLACE
 def run_command(scene: str, out: str | None, ranks: str, as_json: bool, page: str | None, overwrite: bool) -> None:
     """Run the study of one scene, print answers and the table of models."""
     path, numbers = scene_path(scene), _arguments.ranks(ranks)
@@ -103,13 +85,11 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, page: st
 
 
 @commands.command("paper", **_templates.texts("paper"))
-@out_option("folder for the report; made if missing")
+@_arguments.folder_option("folder for the report; made if missing", required=True)
 @click.option(
-    "--small",
-    is_flag=True,
-    help="a trial, in a quarter of the time: fewer modes, routes, tensions and stiffnesses",
+    "--small", is_flag=True, help="a trial, in a quarter of the time: fewer modes, routes, tensions and stiffnesses"
 )
-@click.option("--overwrite", is_flag=True, help="replace a report that is already in DIR")
+@_arguments.overwrite_option("replace a report that is already in DIR")
 def paper_command(out: str, small: bool, overwrite: bool) -> None:
     """Write the report on the paper, print its summary."""
     _group.import_matplotlib()
@@ -131,13 +111,7 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
 
 @commands.command("modes", **_templates.texts("modes"))
 @SCENE
-@click.option(
-    "--out",
-    required=True,
-    metavar="FILE.nc",
-    shell_complete=_arguments.complete_file,
-    help="netCDF file to write",
-)
+@_arguments.file_option("--out", "netCDF file to write", metavar="FILE.nc", required=True)
 @click.option(
     "--layout",
     default="normal",
@@ -145,7 +119,7 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
     help="normal (the default) or vibration, for the condensed model; separate or vector, for the Galerkin model",
 )
 @click.option("--rank", type=int, default=RANK, metavar="R", help=f"number of modes (default {RANK})")
-@click.option("--overwrite", is_flag=True, help="replace FILE.nc")
+@_arguments.overwrite_option("replace FILE.nc")
 def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool) -> None:
     """Make the modes that a reduced model needs."""
     check_target(Path(out), overwrite=overwrite)
@@ -159,18 +133,16 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 
 @commands.command("ensemble", **_templates.texts("ensemble"))
 @SCENE
-@out_option("folder of the ensemble; made if missing")
+@_arguments.folder_option("folder of the ensemble; made if missing", required=True)
 @click.option(
     "--model",
     metavar="MODEL",
     shell_complete=_arguments.complete_model,
     help="chain (the default), cable, rigid, galerkin, condensed; mast, the default of a mast; module:function",
 )
-@click.option(
+@_arguments.file_option(
     "--modes",
-    metavar="FILE",
-    shell_complete=_arguments.complete_file,
-    help="netCDF file of modes, for galerkin and condensed (default: made from a run of the scene itself), and of a mast's guys",
+    "netCDF file of modes, for galerkin and condensed (default: made from a run of the scene itself), and of a mast's guys",
 )
 @click.option(
     "--option",
@@ -186,7 +158,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 @click.option("--batch", type=int, default=64, metavar="COUNT", help="members in a file (default 64)")
 @click.option("--hertz", is_flag=True, help="draw the map over frequencies in Hz")
 @_page.OPTION
-@click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
+@_arguments.overwrite_option("replace another ensemble in DIR, and damaged files")
 @NO_VERIFY
 def ensemble_command(**options: Any) -> None:
     """Simulate all members of a scene."""
@@ -203,33 +175,18 @@ def design_command(**options: Any) -> None:
 
 
 FREQUENCY = click.option(
-    "--frequency",
-    required=True,
-    nargs=2,
-    type=float,
-    metavar="LOW HIGH",
-    help="angular frequencies of the forcing [rad/s]",
-)
+    "--frequency", required=True, nargs=2, type=float, metavar="LOW HIGH", help="angular frequencies of the forcing [rad/s]"
+)  # fmt: skip
 HERTZ = click.option("--hertz", is_flag=True, help="frequencies are given, printed and drawn in Hz")
 VIBRATIONS = click.option(
-    "--rank",
-    type=int,
-    default=_periodic.RANK,
-    metavar="R",
-    help=f"number of vibration modes (default {_periodic.RANK})",
-)
-MODES_FILE = click.option(
-    "--modes",
-    metavar="FILE",
-    shell_complete=_arguments.complete_file,
-    help="netCDF file of modes, layout normal (default: vibrations about rest)",
-)
-REPLACE = click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
+    "--rank", type=int, default=_periodic.RANK, metavar="R", help=f"number of vibration modes (default {_periodic.RANK})"
+)  # fmt: skip
+MODES_FILE = _arguments.file_option("--modes", "netCDF file of modes, layout normal (default: vibrations about rest)")
 
 
 @commands.command("respond", **_templates.texts("respond"))
 @SCENE
-@out_option("folder for netCDF files and figures; made if missing")
+@NEW_FOLDER
 @FREQUENCY
 @MODES_FILE
 @VIBRATIONS
@@ -244,15 +201,11 @@ def respond_command(**options: Any) -> int:
 
 @commands.command("tongues", **_templates.texts("tongues"))
 @SCENE
-@out_option("folder for netCDF files and figures; made if missing")
+@NEW_FOLDER
 @FREQUENCY
 @click.option(
-    "--amplitude",
-    required=True,
-    type=float,
-    metavar="MOST",
-    help="largest amplitude, in the units of the scene's motion [m]",
-)
+    "--amplitude", required=True, type=float, metavar="MOST", help="largest amplitude, in the units of the scene's motion [m]"
+)  # fmt: skip
 @click.option("--points", type=int, default=200, metavar="N", help="frequencies and amplitudes (default 200 of each)")
 @MODES_FILE
 @VIBRATIONS
@@ -285,25 +238,14 @@ def check_command(scene: str) -> None:
 @commands.command("stringing", **_templates.texts("stringing"))
 @SCENE
 @click.option(
-    "--temperatures",
-    required=True,
-    nargs=3,
-    type=float,
-    metavar="LOW HIGH COUNT",
+    "--temperatures", required=True, nargs=3, type=float, metavar="LOW HIGH COUNT",
     help="equally spaced temperatures [degrees Celsius]",
-)
-@click.option(
-    "--cases",
+)  # fmt: skip
+@_arguments.file_option(
+    "--cases", "tables [NAME.ice] and [NAME.wind] in place of those of the scene; an empty [NAME] is without both",
     metavar="FILE.toml",
-    shell_complete=_arguments.complete_file,
-    help="tables [NAME.ice] and [NAME.wind] in place of those of the scene; an empty [NAME] is without both",
-)
-@click.option(
-    "--out",
-    metavar="DIR",
-    shell_complete=_arguments.complete_folder,
-    help="folder for the table and its figures; made if missing (default: the table is printed alone)",
-)
+)  # fmt: skip
+@_arguments.folder_option("folder for the table and its figures; made if missing (default: the table is printed alone)")
 @_page.OPTION
 @REPLACE
 def stringing_command(**options: Any) -> None:
@@ -315,11 +257,9 @@ def stringing_command(**options: Any) -> None:
 @commands.command("info", **_templates.texts("info"))
 @click.argument("path", metavar="PATH", shell_complete=_arguments.complete_file)
 @click.option(
-    "--lineage",
-    "as_script",
-    is_flag=True,
+    "--lineage", "as_script", is_flag=True,
     help="list all that a file comes from, as a Python file that makes it again from its scenes",
-)
+)  # fmt: skip
 @NO_VERIFY
 def info_command(path: str, as_script: bool, verify: bool) -> None:
     """Describe a file or a folder, or print its lineage."""
@@ -339,12 +279,7 @@ def new_command(name: str, mast: bool) -> None:
 
 @commands.command("examples", **_templates.texts("examples"))
 @click.argument("name", metavar="[NAME]", required=False, shell_complete=_arguments.complete_example)
-@click.option(
-    "--out",
-    metavar="FILE.toml",
-    shell_complete=_arguments.complete_file,
-    help="where to copy it (default: NAME.toml in this folder)",
-)
+@_arguments.file_option("--out", "where to copy it (default: NAME.toml in this folder)", metavar="FILE.toml")
 def examples_command(name: str | None, out: str | None) -> None:
     """List the shipped scenes, or copy one."""
     if name is not None:

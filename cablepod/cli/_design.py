@@ -37,11 +37,8 @@ ENDING = "_design"
 
 #: Options of the command, but the scene.
 OPTIONS = (
-    click.option(
-        "--out",
-        metavar="DIR",
-        shell_complete=_arguments.complete_folder,
-        help="folder for storms, netCDF file and tables; made if missing (default: out/NAME_design of the scene)",
+    _arguments.folder_option(
+        "folder for storms, netCDF file and tables; made if missing (default: out/NAME_design of the scene)"
     ),
     click.option(
         "--directions",
@@ -82,7 +79,7 @@ OPTIONS = (
         help="part of each storm that counts [s] (default: all of it)",
     ),
     _page.OPTION,
-    click.option("--overwrite", is_flag=True, help="replace another study in DIR"),
+    _arguments.overwrite_option("replace another study in DIR"),
 )
 
 

@@ -15,12 +15,9 @@ from cablepod.errors import SceneError
 
 #: The option of every command that ends with results.
 OPTION = click.option(
-    "--report",
-    "page",
-    metavar="FILE.html",
-    shell_complete=_arguments.complete_file,
+    "--report", "page", metavar="FILE.html", shell_complete=_arguments.complete_file,
     help="also write all of it as one page, to be read, printed or attached; its folder is made if missing",
-)
+)  # fmt: skip
 
 
 @contextmanager
