@@ -6,7 +6,7 @@ import signal
 import sys
 import tomllib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -49,25 +49,13 @@ def respond(
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     with _saying_of_damping(dataset), Bars() as bars:
         bars("frequency response", 0.0)
-        result, status = _kept(
-            partial(
-                periodic.frequency_response,
-                dataset,
-                chosen,
-                frequency=(low, high),
-                progress=partial(bars, "frequency response"),
-            )
-        )
-    archive.write(result, folder / RESPONSE, overwrite=overwrite)
-    archive.write(chosen, folder / MODES, overwrite=overwrite)
+        options = {"frequency": (low, high), "progress": partial(bars, "frequency response")}
+        result, status = _kept(partial(periodic.frequency_response, dataset, chosen, **options))
     from cablepod import plots
 
     of_tension = partial(plots.frequency_response, variable="tension_maximum", hertz=hertz)
     drawings = (partial(plots.frequency_response, hertz=hertz), of_tension, plots.multipliers)
-    _figures(folder, zip(RESPONSE_FIGURES, drawings, strict=True), result)
-    say(_response_table(result, hertz))
-    say(f"\n{folder}: {RESPONSE}, {MODES}, {', '.join(RESPONSE_FIGURES)}")
-    sys.stdout.flush()  # not at the end after a signal
+    _write(folder, files, (result, chosen), drawings, _response_table(result, hertz), overwrite=overwrite)
     return status
 
 
@@ -86,28 +74,18 @@ def tongues(
             ("--amplitude", amplitude, "a number above 0") if points > 1 else ("--points", points, "at least 2")
         )
         raise SceneError(f"{key}: given {given}; allowed: {allowed}")
-    folder, dataset, chosen = _prepared(scene, out, modes, rank, (MAP, MODES, *MAP_FIGURES), overwrite, verify)
+    files = MAP, MODES, *MAP_FIGURES
+    folder, dataset, chosen = _prepared(scene, out, modes, rank, files, overwrite, verify)
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
     with _saying_of_damping(dataset), Bars() as bars:
-        result, status = _kept(
-            partial(
-                periodic.stability_map,
-                dataset,
-                chosen,
-                frequency=np.linspace(low, high, points),
-                amplitude=amplitude * np.arange(1, points + 1) / points,
-                progress=partial(bars, "stability map"),
-            )
-        )
-    archive.write(result, folder / MAP, overwrite=overwrite)
-    archive.write(chosen, folder / MODES, overwrite=overwrite)
+        grid = {"frequency": np.linspace(low, high, points), "amplitude": amplitude * np.arange(1, points + 1) / points}
+        compute = partial(periodic.stability_map, dataset, chosen, **grid)
+        result, status = _kept(partial(compute, progress=partial(bars, "stability map")))
     draw = partial(plots.stability_map, hertz=hertz)
-    _figures(folder, zip(MAP_FIGURES, (draw, partial(draw, variable="response")), strict=True), result)
-    say(_map_table(result, hertz))
-    say(f"\n{folder}: {MAP}, {MODES}, {', '.join(MAP_FIGURES)}")
-    sys.stdout.flush()  # not at the end after a signal
+    drawings = draw, partial(draw, variable="response")
+    _write(folder, files, (result, chosen), drawings, _map_table(result, hertz), overwrite=overwrite)
     return status
 
 
@@ -173,13 +151,22 @@ def _saying_of_damping(scene: xr.Dataset) -> Iterator[None]:
         yield
 
 
-def _figures(folder: Path, drawings: Any, result: xr.Dataset) -> None:
-    """Draw and save figures."""
+def _write(
+    folder: Path, files: tuple[str, ...], datasets: Sequence[xr.Dataset], drawings: Sequence[Any], table: str, *,
+    overwrite: bool,
+) -> None:  # fmt: skip
+    """Write Datasets and figures of the first one into the files, print a table and what was written."""
     import matplotlib as mpl
 
+    count = len(datasets)
+    for name, dataset in zip(files[:count], datasets, strict=True):
+        archive.write(dataset, folder / name, overwrite=overwrite)
     mpl.use("Agg")
-    for name, draw in drawings:
-        write_figure(draw(result).figure, folder / name, title=str(result.attrs["title"]))
+    for name, draw in zip(files[count:], drawings, strict=True):
+        write_figure(draw(datasets[0]).figure, folder / name, title=str(datasets[0].attrs["title"]))
+    say(table)
+    say(f"\n{folder}: {', '.join(files)}")
+    sys.stdout.flush()  # not at the end after a signal
 
 
 def _frequencies(values: np.ndarray, hertz: bool) -> np.ndarray:

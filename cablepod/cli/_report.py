@@ -19,6 +19,9 @@ from cablepod.study._run import TRUTH_TOLERANCE
 
 #: Columns of the table of models.
 HEAD = f"{'model':<24}{'error':>10}{'estimate':>10}{'call':>11}{'one run':>11}{'step [s]':>11}{'steps':>10}"
+#: Numbers of the rows: of reduced models, of chains.
+OF_REDUCED_MODEL = ("error_max", "error_rms", "error_estimate", "call_time", "loop_time", "compile_time", "step")
+OF_CHAIN = ("error_max", "error_rms", "call_time", "step", "tolerance")
 #: Names of the frequencies.
 VIBRATIONS = ("frequency_in_plane", "frequency_out_of_plane")
 #: Maximum error of a reduced model that is compared with chains, as a fraction of the motion.
@@ -36,25 +39,14 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
             for rank in table["rank"].values:
                 row = table.sel(model=model, rank=rank)
                 if math.isfinite(float(row["call_time"])):
-                    names = (
-                        "error_max",
-                        "error_rms",
-                        "error_estimate",
-                        "call_time",
-                        "loop_time",
-                        "compile_time",
-                        "step",
-                    )
-                    values = {name: _number(row[name]) for name in names}
-                    rows.append(
-                        {"model": str(model), "rank": int(rank), **values, "steps": int(row["number_of_steps"])}
-                    )
+                    values = {name: _number(row[name]) for name in OF_REDUCED_MODEL}
+                    steps = int(row["number_of_steps"])
+                    rows.append({"model": str(model), "rank": int(rank), **values, "steps": steps})
     if "chains" in study:
         chains = study["chains"].to_dataset()
         for trial in _front(chains):
             row = chains.isel(trial=trial)
-            of_chain = ("error_max", "error_rms", "call_time", "step", "tolerance")
-            values = {name: _number(row[name]) for name in of_chain}
+            values = {name: _number(row[name]) for name in OF_CHAIN}
             steps = int(row["number_of_steps"])
             rows.append({"model": "chain", "links": int(row["links"]), **values, "steps": steps})
     chain = study["chain"].to_dataset()
@@ -72,12 +64,8 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
 
 def as_json(study: xr.DataTree) -> str:
     """Return the answers and the table as JSON."""
-    content = {
-        "title": study.attrs["title"],
-        "answers": answers(study),
-        "models": models(study),
-        "left_out": study.attrs["left_out"],
-    }
+    content = {"title": study.attrs["title"], "answers": answers(study), "models": models(study)}
+    content["left_out"] = study.attrs["left_out"]
     return json.dumps(content, indent=2, allow_nan=False)
 
 
@@ -223,14 +211,10 @@ def notes(study: xr.DataTree) -> list[str]:
     """Return what the table means: the models at equal error, what makes one slow, how far to trust it."""
     chain = study["chain"].to_dataset()
     lines = [
-        "error: largest rms distance to the last row over time, as a fraction of the motion; estimate: by the model itself"
+        "error: largest rms distance to the last row over time, as a fraction of the motion; estimate: by the model itself",
+        "estimate of the last row: of its links, its distance from the continuous cable; the other rows share its links",
+        "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain",
     ]
-    lines.append(
-        "estimate of the last row: of its links, its distance from the continuous cable; the other rows share its links"
-    )
-    lines.append(
-        "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain"
-    )
     if "comparison" in study:
         rows = study["comparison"].to_dataset()
         chains = study["chains"].to_dataset() if "chains" in study else None

@@ -53,7 +53,8 @@ def table(summary: xr.Dataset) -> str:
         if name in summary and not math.isnan(float(summary[name])):
             units = "%" if name in SHARES else summary[name].attrs["units"]
             values = [printed(float(summary[key]), units) for key, _ in _states(summary, name)]
-            lines.append(f"  {text:<32}" + _side_by_side(values))
+            both = values[0] if len(values) == 1 else f"{values[0]} in still air, {values[1]} in the mean wind"
+            lines.append(f"  {text:<32}{both}")
     for text, plane in FREQUENCIES:
         for key, state in _states(summary, f"frequency_{plane}"):
             known = [summary[name].dropna("mode").values for name in (key, f"angular_{key}")]  # few particles have few
@@ -76,11 +77,6 @@ def _states(summary: xr.Dataset, name: str) -> list[tuple[str, str]]:
     return [(still, "still air"), (windy, "the mean wind")] if still in summary else [(name, "")]
 
 
-def _side_by_side(values: list[str]) -> str:
-    """Return one value, or those in still air and in the mean wind."""
-    return values[0] if len(values) == 1 else f"{values[0]} in still air, {values[1]} in the mean wind"
-
-
 def remarks(scene: xr.Dataset) -> str:
     """Return what to know of a scene before it runs: no damping, no motion out of the plane, ramps; empty where at rest.
 
@@ -95,21 +91,16 @@ def remarks(scene: xr.Dataset) -> str:
     functions = p.time_functions()
     found = []
     if functions and not (p.mass_damping or p.tension_damping or p.damping_ratios or p.link_viscosity or p.wind):
-        found.append(
-            (
-                "damping",
-                "none: vibrations never decay, resonances grow over the whole run; see damping.mass_proportional",
-            )
-        )
+        none = "none: vibrations never decay, resonances grow over the whole run; see damping.mass_proportional"
+        found.append(("damping", none))
     if p.damping_ratios is not None:
         ratios = "  ".join(digits(round(100.0 * ratio, 9)) for ratio in p.damping_ratios)
         which = "each its own, the last of all others" if len(p.damping_ratios) > 1 else "of all vibrations"
         beside = "; dampers add to it" if any(attachment.damper for attachment in p.attachments) else ""
         found.append((KEYS[p.has_list_of_ratios], f"{ratios} % {which}{beside}"))
     if functions and p.dims == 2:
-        found.append(
-            ("space", "two coordinates: motion out of the plane cannot be seen; ends with three numbers show it")
-        )
+        planar = "two coordinates: motion out of the plane cannot be seen; ends with three numbers show it"
+        found.append(("space", planar))
     for key, function in functions.items():
         if function.ramp:
             found.append((key, f"{function.kind}, starts by a ramp of {function.ramp:g} s"))
