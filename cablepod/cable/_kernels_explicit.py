@@ -7,7 +7,7 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.cable._kernels_air import drag_forces
 from cablepod.cable._kernels_forces import _extremes, _nodal_forces
-from cablepod.chain._kernels_attached import BEFORE, DAMPER, DIRECTION, REST, SPRING, STRETCH, velocity_change
+from cablepod.chain._kernels_attached import apply_attached, note_attached
 from cablepod.integrate._kernels_assign import assign
 
 
@@ -55,30 +55,6 @@ def _hold_drag(force, first, per_mass, load_increment, is_first, before, increme
                 before[c, j] = now
             increments[c, j] = load_increment[c, j] + 1.5 * now - 0.5 * before[c, j]
             before[c, j] = now
-
-
-@compiled
-def _note_attached(x, v, first, particles, numbers):
-    """Keep velocity half a step before and displacement along each direction, before a step."""
-    for k in range(particles.size):
-        j, before, stretch = particles[k], 0.0, 0.0
-        for c in range(x.shape[0]):
-            before += numbers[k, DIRECTION + c] * v[c, j - first]
-            stretch += numbers[k, DIRECTION + c] * (x[c, j] - numbers[k, REST + c])
-        numbers[k, BEFORE], numbers[k, STRETCH] = before, stretch
-
-
-@compiled
-def _apply_attached(v, first, per_mass, particles, numbers):
-    """Add dampers and springs to the velocities half a step after (dims, m)."""
-    for k in range(particles.size):
-        j, after = particles[k] - first, 0.0
-        for c in range(v.shape[0]):
-            after += numbers[k, DIRECTION + c] * v[c, j]
-        pull = numbers[k, SPRING] * numbers[k, STRETCH]
-        change = velocity_change(after, numbers[k, BEFORE], pull, numbers[k, DAMPER], per_mass[j])
-        for c in range(v.shape[0]):
-            v[c, j] += numbers[k, DIRECTION + c] * change
 
 
 @compiled
@@ -192,7 +168,7 @@ def verlet(
         if low.size > 0:
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
         if particles is not None:
-            _note_attached(x, v, first, particles, numbers)
+            note_attached(x, v, first, particles, numbers)
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
             assign(saved[save], x)
@@ -202,12 +178,9 @@ def verlet(
             _update_velocity(v[c], f[c, first : first + m], per_mass, increments[c], damping_factor)
             for load in range(patterns.shape[0]):
                 _add_load(v[c], patterns[load, c], factors[i, load], per_mass)
-            if particles is None:
-                _update_position(x[c, first : first + m], v[c], step)
+            _update_position(x[c, first : first + m], v[c], step)
         if particles is not None:
-            _apply_attached(v, first, per_mass, particles, numbers)
-            for c in range(dims):
-                _update_position(x[c, first : first + m], v[c], step)
+            apply_attached(x, v, first, particles, numbers, per_mass, 1.0, step)
         for k in range(rows.size):
             x[rows[k], columns[k]] = ends[k, i + 1]
         if saving:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import compiled
-from cablepod.chain._kernels_layout import PER_MASS, VX, X
+from cablepod.chain._kernels_layout import PER_MASS, VX
 
 #: Columns of the numbers of an attachment: unit vector, place without force, damper [N s/m], spring [N/m], two for a step.
 DIRECTION, REST, DAMPER, SPRING, BEFORE, STRETCH = 0, 3, 6, 7, 8, 9
@@ -17,18 +17,21 @@ COLUMNS = 10
 
 
 @compiled(inline="always")
-def note_attached(s, particles, numbers):
-    """Keep velocity half a step before and displacement along each direction, before a step."""
+def note_attached(x, v, first, particles, numbers):
+    """Keep velocity half a step before and displacement along each direction, before a step.
+
+    Positions `x` (dims, n + 1) are of all particles, velocities `v` of those from `first` on.
+    """
     for m in range(particles.size):
         j, before, stretch = particles[m], 0.0, 0.0
-        for c in range(3):
-            before += numbers[m, DIRECTION + c] * s[VX + c, j]
-            stretch += numbers[m, DIRECTION + c] * (s[X + c, j] - numbers[m, REST + c])
+        for c in range(x.shape[0]):
+            before += numbers[m, DIRECTION + c] * v[c, j - first]
+            stretch += numbers[m, DIRECTION + c] * (x[c, j] - numbers[m, REST + c])
         numbers[m, BEFORE], numbers[m, STRETCH] = before, stretch
 
 
 @compiled(inline="always")
-def velocity_change(after, before, pull, damper, per_mass):
+def _velocity_change(after, before, pull, damper, per_mass):
     """Return the change of a velocity along an attachment in a step, by the pull of its spring and by its damper.
 
     A damper c on a mass m changes the velocity by a = c step / 2 m times minus the sum of the velocities before and after.
@@ -45,17 +48,20 @@ def velocity_change(after, before, pull, damper, per_mass):
 
 
 @compiled(inline="always")
-def apply_attached(s, particles, numbers, step):
-    """Add dampers and springs to the velocities half a step after, and to the positions of the next step."""
+def apply_attached(x, v, first, particles, numbers, per_mass, impulse, step):
+    """Add dampers and springs to the velocities half a step after, and to the positions of the next step.
+
+    Step over mass is `per_mass` of the particles from `first` on, times `impulse`.
+    """
     for m in range(particles.size):
         j, after = particles[m], 0.0
-        for c in range(3):
-            after += numbers[m, DIRECTION + c] * s[VX + c, j]
+        for c in range(x.shape[0]):
+            after += numbers[m, DIRECTION + c] * v[c, j - first]
         pull = numbers[m, SPRING] * numbers[m, STRETCH]
-        change = velocity_change(after, numbers[m, BEFORE], pull, numbers[m, DAMPER], s[PER_MASS, j])
-        for c in range(3):
-            s[VX + c, j] += numbers[m, DIRECTION + c] * change
-            s[X + c, j] += step * (numbers[m, DIRECTION + c] * change)
+        change = _velocity_change(after, numbers[m, BEFORE], pull, numbers[m, DAMPER], impulse * per_mass[j - first])
+        for c in range(x.shape[0]):
+            v[c, j - first] += numbers[m, DIRECTION + c] * change
+            x[c, j] += step * (numbers[m, DIRECTION + c] * change)
 
 
 @compiled

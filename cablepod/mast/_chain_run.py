@@ -140,7 +140,6 @@ class ChainGuys:
             np.concatenate([np.zeros(0, dtype=int), *(own.particles for own in acting)]),
             np.concatenate([own.numbers for own in acting]) if acting else np.zeros((0, 0)),
             VISCOSITY * limit, p.gravity, p.mass_damping, np.zeros((3, n)), np.zeros((count, 3, n + 1)),
-            np.zeros((sum(counts), 2)),
         )  # fmt: skip
 
     @cached_property

@@ -137,18 +137,6 @@ class CondensedGuys:
             turn[:, which, r2:] = -guys.moments[:, which, None] * self.axes[:, None, 1 + part, [0, 2]]
         return np.swapaxes(turn, 1, 2) @ whole @ turn
 
-    def system(self, rows: np.ndarray, mass: np.ndarray, stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return mass and stiffness of mast and guys about rest.
-
-        Parameters
-        ----------
-        rows
-            Displacement of the guys' upper ends by the coordinates of the mast (guys, 2, n).
-        mass, stiffness
-            Of the mast without guys (n, n).
-        """
-        return with_guys(rows, mass, stiffness, self.end_mass, self.tangents)
-
     # --- time stepping ------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -169,7 +157,7 @@ class CondensedGuys:
     @cached_property
     def _about_rest(self) -> tuple[np.ndarray, np.ndarray]:
         """Mass and stiffness of mast and guys in the modes of the mast and the coordinates of the guys."""
-        return self.system(self.mast.guy_rows, self.mast.mass, self.mast.stiffness)
+        return with_guys(self.mast.guy_rows, self.mast.mass, self.mast.stiffness, self.end_mass, self.tangents)
 
     def has_phases_below(self, step: float, limit: float) -> bool:
         """Tell whether all squared phases of a step are below a limit (stability: 4): limit M - step^2 K is positive definite."""

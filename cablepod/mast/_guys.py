@@ -82,34 +82,21 @@ class GuyStatics:
         from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
 
         self._guys, self._upper, count = guys, upper, len(guys)
-        self._length = np.array([guy.length for guy in guys])
+        self.lengths = np.array([guy.length for guy in guys])  #: unstretched (guys,) [m]
         self._spring = np.array([guy.p.stiffness for guy in guys], dtype=float)
         self._reactions = np.array([guy.reactions for guy in guys]).reshape(-1, 2, 3)
         chords = upper - np.array([guy.p.lower for guy in guys], dtype=float).reshape(-1, 3)
         loads = np.array([guy.p.load_at(0.0) for guy in guys], dtype=float).reshape(-1, 3)
-        self._plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
-        _kernels_plane.load_planes(chords, loads, self._plane, self._across, self._against)
-        self._solved, status = solve_catenaries(tuple(self._plane), self._spring, "unstretched_length", self._length)
+        plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
+        _kernels_plane.load_planes(chords, loads, plane, self._across, self._against)
+        self.loads = plane[3]  #: per unstretched length (guys,) [N/m]
+        #: solutions of the uniform catenaries (guys, 6), see ``cablepod.catenary._kernels_solve``; nan for guys of pieces
+        self.solved, status = solve_catenaries(tuple(plane), self._spring, "unstretched_length", self.lengths)
         own = [g for g, guy in enumerate(guys) if guy.pieces is not None]
         self._hung = {g: guys[g].at(upper[g]).hung() for g in own}
-        self._solved[own] = np.nan
+        self.solved[own] = np.nan
         for g in np.flatnonzero(status != _kernels_solve.FOUND).tolist():
             guys[g].at(upper[g]).force()  # says what is wrong
-
-    @property
-    def solved(self) -> np.ndarray:
-        """Solutions of the uniform catenaries (guys, 6), see ``cablepod.catenary._kernels_solve``; nan for guys of pieces."""
-        return self._solved
-
-    @property
-    def loads(self) -> np.ndarray:
-        """Loads per unstretched length (guys,) [N/m]."""
-        return self._plane[3]
-
-    @property
-    def lengths(self) -> np.ndarray:
-        """Unstretched lengths (guys,) [m]."""
-        return self._length
 
     @property
     def frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,7 +116,7 @@ class GuyStatics:
     @cached_property
     def _end_forces(self) -> np.ndarray:
         """Forces on anchor and mast (guys, 2, 3) [N]."""
-        horizontal, middle, half = self._solved[:, 2], self._solved[:, 3], 0.5 * self._plane[3] * self._length
+        horizontal, middle, half = self.solved[:, 2], self.solved[:, 3], 0.5 * self.loads * self.lengths
         across, against = np.stack([horizontal, -horizontal], axis=1), np.stack([middle - half, -middle - half], axis=1)
         uniform = across[..., None] * self._across[:, None] + against[..., None] * self._against[:, None]
         result = uniform + self._reactions
@@ -145,13 +132,13 @@ class GuyStatics:
     def stiffness(self) -> np.ndarray:
         """Return the stiffness of the upper ends (guys, 3, 3) [N/m], as :func:`cablepod.condensed._host.static_stiffness`."""
         result = np.empty((len(self._guys), 3, 3))
-        _, _, force, middle, lower, top = self._solved.T
-        hanging = self._plane[3] * self._length
+        _, _, force, middle, lower, top = self.solved.T
+        hanging = self.loads * self.lengths
         curved = (hanging > 1e-12 * (lower + top)) & (force > 1e-12 * (lower + top))
         for g in np.flatnonzero(~curved).tolist():  # straight, slack, along the load, or of pieces
             hung = self._hung.get(g)
             result[g] = self._guys[g].at(self._upper[g]).stiffness() if hung is None else end_stiffness(hung)
-        force, hanging, load = force[curved], hanging[curved], self._plane[3, curved]
+        force, hanging, load = force[curved], hanging[curved], self.loads[curved]
         low, high = middle[curved] - 0.5 * hanging, middle[curved] + 0.5 * hanging
         start = np.arcsinh(low / force)
         ratio = np.minimum(hanging / (lower + top)[curved], 1.0 - 1e-16)
@@ -159,7 +146,7 @@ class GuyStatics:
         places, weights = _gauss()
         u = start[:, None] + angle[:, None] * places
         sine, cosine = np.tanh(u), 1.0 / np.cosh(u)
-        part, elastic = angle / load, (self._length / self._spring)[curved]
+        part, elastic = angle / load, (self.lengths / self._spring)[curved]
         mixed = -part * ((sine * cosine) @ weights)
         a, b = elastic + part * (sine**2 @ weights), elastic + part * (cosine**2 @ weights)
         inverse = 1.0 / (a * b - mixed * mixed)

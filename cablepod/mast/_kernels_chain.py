@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.chain._kernels_attached import DAMPER, DIRECTION, REST, SPRING, velocity_change
+from cablepod.chain._kernels_attached import apply_attached, note_attached
+from cablepod.condensed._kernels_drag import _spatial_law
 from cablepod.mast._kernels_layout import (
     BODY,
     DIVERGED,
@@ -67,41 +68,10 @@ def _fill_drag(x, v, particles, wind, place, g, drags):
         u2 -= v[2, j]
         body = particles[BODY, j] * math.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
         b0, b1, b2 = body * u0, body * u1, body * u2
-        along = (u0 * tx + u1 * ty + u2 * tz) / square
-        u0 -= along * tx
-        u1 -= along * ty
-        u2 -= along * tz
-        size = 0.5 * particles[DRAG, j] * math.sqrt(square * (u0 * u0 + u1 * u1 + u2 * u2))
-        drags[0, j] = size * u0 + b0
-        drags[1, j] = size * u1 + b1
-        drags[2, j] = size * u2 + b2
-
-
-@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
-def _note_attached(x, v, first, last, chains):
-    """Fill velocities half a step before [m/s] and pulls of the springs [N] along the attachments (attachments, 2)."""
-    numbers = chains.numbers
-    for m in range(first, last):
-        j, before, stretch = chains.attached[m], 0.0, 0.0
-        for c in range(3):
-            before += numbers[m, DIRECTION + c] * v[c, j]
-            stretch += numbers[m, DIRECTION + c] * (x[c, j] - numbers[m, REST + c])
-        chains.noted[m, 0] = before
-        chains.noted[m, 1] = numbers[m, SPRING] * stretch
-
-
-@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
-def _apply_attached(x, v, first, last, chains, particles, impulse, step):
-    """Add dampers and springs to the velocities half a step after and to the positions of the next step."""
-    numbers, noted = chains.numbers, chains.noted
-    for m in range(first, last):
-        j, after = chains.attached[m], 0.0
-        for c in range(3):
-            after += numbers[m, DIRECTION + c] * v[c, j]
-        change = velocity_change(after, noted[m, 0], noted[m, 1], numbers[m, DAMPER], impulse * particles[PER_MASS, j])
-        for c in range(3):
-            v[c, j] += numbers[m, DIRECTION + c] * change
-            x[c, j] += step * (numbers[m, DIRECTION + c] * change)
+        d0, d1, d2 = _spatial_law(0.5 * particles[DRAG, j], tx, square, u0, u1, u2, ty, tz)
+        drags[0, j] = d0 + b0
+        drags[1, j] = d1 + b1
+        drags[2, j] = d2 + b2
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -113,11 +83,13 @@ def _advance_chains(k, pace, chains, guys, mast, wind):
     for g in range(guys.level.size):
         m, held = guys.level[g], k < guys.breaks[g]
         x, v, drags, particles = chains.x[g], chains.rates[g], chains.drags[g], chains.particles[g]
+        own = slice(chains.first[g], chains.first[g + 1])
+        attached, numbers = chains.attached[own], chains.numbers[own]
         if held:
             x[0, n], x[1, n], x[2, n] = mast.upper[2 * m], chains.heights[g] + mast.lowered[m], mast.upper[2 * m + 1]
             v[0, n], v[2, n] = mast.upper_rate[m, 0], mast.upper_rate[m, 1]
         _link_forces(x, v, chains.links[g], chains.viscosity, forces)
-        _note_attached(x, v, chains.first[g], chains.first[g + 1], chains)
+        note_attached(x, v, 0, attached, numbers)
         if not held:
             forces[0, n - 1] = forces[1, n - 1] = forces[2, n - 1] = 0.0
         if wind is not None and k % wind.hold == 0:
@@ -142,7 +114,7 @@ def _advance_chains(k, pace, chains, guys, mast, wind):
             # on the mast: the upper link, and weight and drag of half a link
             guys.force[d, g] = -forces[d, n - 1] + drags[d, n] + chains.end_mass[g] * weight
         if k > 0:  # at the start nothing moves
-            _apply_attached(x, v, chains.first[g], chains.first[g + 1], chains, particles, impulse, step)
+            apply_attached(x, v, 0, attached, numbers, particles[PER_MASS], impulse, step)
         if not total < np.inf:
             return DIVERGED, g
     return DONE, 0

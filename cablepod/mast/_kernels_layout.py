@@ -261,7 +261,6 @@ class ChainTerms(NamedTuple):
     mass_damping: float  #: [1/s]
     forces: np.ndarray  #: work: of the links on their lower particles (3, n) [N]
     drags: np.ndarray  #: drag on the particles that is held (guys, 3, n + 1) [N]; changed
-    noted: np.ndarray  #: work: velocity before and pull of the springs (attachments, 2)
 
 
 class ChainWind(NamedTuple):
