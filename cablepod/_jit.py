@@ -143,9 +143,8 @@ def compiled(
         options["_nrt"] = False
     options["no_cfunc_wrapper"] = True  # it takes a tenth of the compilation, and nobody calls a kernel from C
     if function.__name__.startswith("_"):
-        options.setdefault(
-            "no_cpython_wrapper", True
-        )  # called by kernels only; a wrapper for Python takes 10 ms for each array
+        # called by kernels only; a wrapper for Python takes 10 ms for each array
+        options.setdefault("no_cpython_wrapper", True)
     config: Any = numba.config
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later

@@ -202,9 +202,8 @@ class PiecewiseCatenary:
         across = chord - (chord @ load) * load
         if not across @ across > ALONG_LOAD * (chord @ chord):
             return 0.0
-        measure = (
-            load - (chord @ load) / (across @ across) * across
-        )  # of a position: its distance from the chord along the load
+        # of a position: its distance from the chord along the load
+        measure = load - (chord @ load) / (across @ across) * across
         rates = self.pieces.load @ measure
         with np.errstate(all="ignore"):
             inside = np.clip(force @ measure / rates, 0.0, self.pieces.length)

@@ -190,9 +190,8 @@ def link_stiffness(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
 
 def assembled(links: np.ndarray, dims: int) -> np.ndarray:
     """Return the stiffness of the inner particles (unknowns, unknowns), particle by particle, from :func:`link_stiffness`."""
-    blocks = links[
-        np.array([[0, 1], [1, 2]] if dims == 2 else [[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-    ]  # (dims, dims, n + 2)
+    # (dims, dims, n + 2)
+    blocks = links[np.array([[0, 1], [1, 2]] if dims == 2 else [[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
     inner = links.shape[1] - 3
     result = np.zeros((inner, dims, inner, dims))
     for p in range(inner):

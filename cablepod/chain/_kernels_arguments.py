@@ -29,9 +29,8 @@ class Chain(NamedTuple):
     inverse_squares: np.ndarray  #: 1 / length^2 for law (21), else without entries (n lanes) [1/m^2]
     viscosity: np.ndarray  #: stiffness times viscosity (n lanes) [N s/m]
     tension_damping: np.ndarray  #: damping by the tension (n lanes) [s]
-    per_length: (
-        np.ndarray
-    )  #: 1 / length at the first particle of each link, 0 at the last one (dims (n + 1) lanes) [1/m]
+    #: 1 / length at the first particle of each link, 0 at the last one (dims (n + 1) lanes) [1/m]
+    per_length: np.ndarray
     mass: np.ndarray  #: for each coordinate, 0 at held particles (dims (n + 1) lanes) [kg]
     damped_mass: np.ndarray  #: mass times damping by mass (dims (n + 1) lanes) [kg/s]
     loads: np.ndarray  #: constant loads, 0 at held particles (dims (n + 1) lanes) [N]
@@ -79,9 +78,8 @@ class Record(NamedTuple):
     start: int  #: number of the first step
     steps: np.ndarray  #: rising numbers of the steps to save (saves,)
     at: int  #: place of the first of them in `saved`
-    saved: (
-        np.ndarray
-    )  #: filled: positions, or positions, velocities and accelerations (members, all saves, 1 or 3, dims (n + 1))
+    #: filled: positions, or positions, velocities and accelerations (members, all saves, 1 or 3, dims (n + 1))
+    saved: np.ndarray
     low: np.ndarray  #: least tensions at the steps, updated (n lanes) [N]
     high: np.ndarray  #: largest tensions at the steps, updated (n lanes) [N]
 
@@ -106,9 +104,8 @@ class Newton(NamedTuple):
     middle: np.ndarray  #: positions in the middle of the step (dims (n + 1) lanes) [m]
     rates: np.ndarray  #: velocities (dims (n + 1) lanes) [m/s]
     force: np.ndarray  #: forces on particles by rates (dims (n + 1) lanes) [N]
-    air_damping: (
-        np.ndarray
-    )  #: size of the drag over that of the relative velocity across the cable (n + 1, lanes) [kg/s]
+    #: size of the drag over that of the relative velocity across the cable (n + 1, lanes) [kg/s]
+    air_damping: np.ndarray
     matrix: np.ndarray  #: of the elimination (n + 1, 4 or 6, lanes)
     carry: np.ndarray  #: of the elimination from both ends (2, 5 or 9, lanes)
     rotation: np.ndarray  #: of the links by the last two corrections (2, lanes)

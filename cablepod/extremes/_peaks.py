@@ -129,9 +129,10 @@ def _estimates(
     """Return the numbers of :data:`STATISTICS` and the count of peaks of each sample, and their dimensions."""
     dims = tuple(name for name in sample.dims if name != dim)
     shape = tuple(sample.sizes[name] for name in dims)
+    # nan last
     rows = np.sort(
         sample.transpose(*dims, dim).values.astype(float).reshape(math.prod(shape), sample.sizes[dim]), axis=1
-    )  # nan last
+    )
     if np.isinf(rows).any():
         raise SceneError(
             f"data: given infinite values of {sample.name or 'the peaks'}; allowed: finite numbers, nan of failed members"

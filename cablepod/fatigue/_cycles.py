@@ -235,9 +235,8 @@ def _damage_sums(series: Any, exponent: float, dim: str) -> tuple[np.ndarray, np
     rows, size, dims = _rows(series, dim)
     scale = np.where(size > 0.0, size, 1.0)  # ranges of the order of one neither overflow nor underflow
     sums = np.empty(len(rows))
-    power = (
-        int(exponent) if float(exponent).is_integer() and exponent < 100 else float(exponent)
-    )  # products are ten times as fast as powers
+    # products are ten times as fast as powers
+    power = int(exponent) if float(exponent).is_integer() and exponent < 100 else float(exponent)
     kernel.damage_sums(rows, scale, power, sums)
     sums[np.isnan(size)] = np.nan
     return scale, sums, dims

@@ -76,9 +76,8 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
 class _Modes:
     """Modes and law of a model, compared by content."""
 
-    arrays: tuple[np.ndarray, ...] = field(
-        compare=False
-    )  #: relative arc length, mean [m], modes (modes, particle, dims)
+    #: relative arc length, mean [m], modes (modes, particle, dims)
+    arrays: tuple[np.ndarray, ...] = field(compare=False)
     content: tuple[bytes, ...]
     layout: str
     law: str

@@ -119,9 +119,8 @@ class Samples:
     """A run at equal intervals from the start."""
 
     model: GalerkinModel
-    states: (
-        np.ndarray
-    )  #: z and d, see `fields_of_projections`, and first and second time derivatives (3, times, coordinates)
+    #: z and d, see `fields_of_projections`, and first and second time derivatives (3, times, coordinates)
+    states: np.ndarray
     per_second: float  #: [1/s]
 
     @property

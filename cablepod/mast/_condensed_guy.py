@@ -202,9 +202,8 @@ class GuySet:
         count = r + 3
         state = np.repeat(np.concatenate([q, upper], axis=1).astype(complex)[None], count, axis=0)
         state[np.arange(count), :, np.arange(count)] += 1j * step
-        on_q, on_end = self._repeated(count).forces(
-            state[..., :r].reshape(-1, r), state[..., r:].reshape(-1, 3)
-        )  # of all columns at once
+        # of all columns at once
+        on_q, on_end = self._repeated(count).forces(state[..., :r].reshape(-1, r), state[..., r:].reshape(-1, 3))
         slopes = np.concatenate([on_q, on_end], axis=1).imag.reshape(count, self.count, count)
         return np.ascontiguousarray(np.moveaxis(-slopes / step, 0, -1))
 

@@ -245,9 +245,8 @@ class CondensedGuys:
         kinetic = 0.5 * np.einsum("ta,ab,tb->t", before, matrices.fitted_mass, after)
         kinetic += 0.5 * np.einsum("tgi,tgi,gi->t", saved[:, 1], saved[:, 2], 1.0 / fitted)
         geometric, geometric_rest = mast.pull_stiffness, mast.pull_at_rest
-        pull = -np.bincount(
-            mast.level_of_guy, self.rest[1][:, 1], len(mast.heights)
-        )  # which the energy of the guys has
+        # which the energy of the guys has
+        pull = -np.bincount(mast.level_of_guy, self.rest[1][:, 1], len(mast.heights))
         stiffness = mast.stiffness - np.tensordot(pull, geometric, 1)
         potential = 0.5 * np.einsum("ta,ab,tb->t", result.modal, stiffness, result.modal)
         potential -= result.modal @ (constant_forces(mast, drive, self.rest[1]) + pull @ geometric_rest)

@@ -33,9 +33,8 @@ class MastDrag:
     heights: np.ndarray  #: points of quadrature of the elements (heights,) [m]
     areas: np.ndarray  #: drag coefficient times area that each node carries (nodes,) [m2]
     at_rest: np.ndarray  #: drag from which runs start, 0 with a ramp (nodes, 2) [N]
-    loads: (
-        np.ndarray
-    )  #: forces and moments at the ends of an element, by a drag of one on its lower, upper node (elements, 2, 4)
+    #: forces and moments at the ends of an element, by a drag of one on its lower, upper node (elements, 2, 4)
+    loads: np.ndarray
 
     @cached_property
     def _single(self) -> np.ndarray:

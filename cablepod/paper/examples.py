@@ -239,9 +239,8 @@ def errors(
         return float(error["error_max"]), at_45, at_six, float(projection["error_max"])
 
     studies = map_threads(study, scenes, workers)
-    cases = [
-        (i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))
-    ]  # largest models first: they take longest
+    # largest models first: they take longest
+    cases = [(i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))]
     worst, at45, six, projected = np.empty((4, len(scenes), len(ranks)))
     for case, values in zip(
         cases, map_threads(errors_of, cases, workers, done=fraction_of(len(cases), progress)), strict=True

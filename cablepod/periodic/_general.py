@@ -26,9 +26,8 @@ class Forces(NamedTuple):
     force: np.ndarray  #: (M, n)
     rate: np.ndarray  #: derivative by the angular frequency, at constant coordinates and rates (M, n)
     stiffness: np.ndarray  #: negative derivative by the coordinates (M, n, n)
-    damping: (
-        np.ndarray | None
-    )  #: negative derivative by the rates (M, n, n), mass-proportional damping left out; None for none
+    #: negative derivative by the rates (M, n, n), mass-proportional damping left out; None for none
+    damping: np.ndarray | None
     least: float  #: smallest chordwise force, without dimension
 
 

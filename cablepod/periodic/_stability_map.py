@@ -143,11 +143,12 @@ def labelled(model: PeriodicModel, found: MapResult, omegas: np.ndarray, amplitu
         growth = np.where(np.isnan(found.growth), -np.inf, found.growth)
         fastest = np.where(growth[1] > growth[0], 1, 0)
     number = np.take_along_axis(found.kind, fastest[None], axis=0)[0]
+    # without those beside columns that an interrupted map lacks
     edges = [
         (omega, a, k, kind)
         for (k, a, f), (omega, kind) in sorted(found.edges.items())
         if found.finished[a, f : f + 2].all()
-    ]  # without those beside columns that an interrupted map lacks
+    ]
     variables: dict[str, Any] = {"growth_in_plane": (grid, found.growth[0])}
     if sets == 2:
         variables["growth_out_of_plane"] = (grid, found.growth[1])

@@ -68,9 +68,8 @@ def singular_values(modes: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     values = _style.take("modes", modes, "singular_value", ("mode",), MODES, more=1)
     ax = _style.axes(ax)
     for i, (name, part) in enumerate(_style.sets(values, 1)):
-        _style.log(
-            ax, _style.numbers(values), part, name or "all modes", _style.style(i, i, MARKS)
-        )  # every mode is marked
+        # every mode is marked
+        _style.log(ax, _style.numbers(values), part, name or "all modes", _style.style(i, i, MARKS))
     ax.locator_params(axis="x", integer=True, min_n_ticks=1)
     ax.set(xlabel="number of the mode [1]", ylabel="singular value [m]", yscale="log")
     return _style.finish(ax)

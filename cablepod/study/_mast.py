@@ -46,10 +46,8 @@ def run_mast(
         Nodes "scene", "rest", "frequencies", "motion" and "guys", a table of tensions over ``guy``.
     """
     p = mast_parameters(scene)
-    window, breaks = (
-        _after_ramps(scene),
-        any(guy.breaks is not None for guy in p.guys),
-    )  # refuses a scene without [time]
+    # refuses a scene without [time]
+    window, breaks = (_after_ramps(scene), any(guy.breaks is not None for guy in p.guys))
     guys = kind_in_studies(p)
     options: dict[str, Any] = {"guys": guys, "outputs": OUTPUTS[:-1] if guys == "chain" else OUTPUTS}
     if breaks:

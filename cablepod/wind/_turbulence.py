@@ -138,9 +138,8 @@ def _coupled(phases: Sequence[np.ndarray], frequency: np.ndarray, decay: np.ndar
         product = (factors[k] * factors[k + 1]).sum(axis=1)[:, None]
         norm = np.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * product)
         own = np.concatenate([phase[:, first:last] for phase in phases], axis=1).view(float)
-        lower, upper = (
-            _triangular(factor, own).reshape(points, components, -1) for factor in factors[k : k + 2]
-        )  # real and imaginary parts in turn
+        # real and imaginary parts in turn
+        lower, upper = (_triangular(factor, own).reshape(points, components, -1) for factor in factors[k : k + 2])
         lower *= np.repeat((1.0 - share) / norm, 2, axis=1)[:, None]
         upper *= np.repeat(share / norm, 2, axis=1)[:, None]
         lower += upper
