@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 
 def content_hash(
-    dataset: xr.Dataset,
-    sums: dict[str, BlockSums] | None = None,
-    contents: dict[str, VariableContent] | None = None,
+    dataset: xr.Dataset, sums: dict[str, BlockSums] | None = None, contents: dict[str, VariableContent] | None = None
 ) -> str:
     """Return the SHA-256 of names, dimensions, types and values, independent of attributes, layout and byte order.
 

@@ -22,14 +22,7 @@ from cablepod._inputs import SCENE, Kind, taken
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
-from cablepod.errors import (
-    AllFailedError,
-    MemberFailedWarning,
-    RunStopped,
-    SceneError,
-    StoppedError,
-    warn,
-)
+from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, SceneError, StoppedError, warn
 from cablepod.parameters._parameters import count_instants
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])

@@ -19,12 +19,7 @@ from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.discretisation._step_limit import damped_growth
 from cablepod.integrate._chain_run import Trajectory
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import (
-    Extremes,
-    law_suffix,
-    time_scale_attributes,
-    trajectory_attributes,
-)
+from cablepod.integrate._output import Extremes, law_suffix, time_scale_attributes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import window_attributes
 

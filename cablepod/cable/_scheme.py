@@ -84,9 +84,7 @@ def _search_of(runs: dict[str, CableRun], request: Request, steps_per_second: fl
 
 
 def refine_in_space(
-    runs: Callable[[int], dict[str, CableRun]],
-    solution: Solution,
-    tolerance: float,
+    runs: Callable[[int], dict[str, CableRun]], solution: Solution, tolerance: float
 ) -> tuple[Solution, float]:
     """Raise the number of elements until two runs agree; return the finest run and its space error.
 

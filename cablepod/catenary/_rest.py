@@ -85,10 +85,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
             "tension": ((*lead, "particle"), tension),
             **{name: (lead, scalars[..., i]) for i, name in enumerate(kernel.COLUMNS) if name != "mid_force"},
         },
-        coords={
-            "arc_length": ((*lead, "particle"), arc_length),
-            "coordinate": list(COORDINATES[: members[0].dims]),
-        },
+        coords={"arc_length": ((*lead, "particle"), arc_length), "coordinate": list(COORDINATES[: members[0].dims])},
     )
     label(result)
     if not single:  # with the units of the scene, words without

@@ -10,12 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cablepod.catenary._piecewise import (
-    PiecewiseCatenary,
-    is_piecewise,
-    is_slack_weightless,
-    pieces_of,
-)
+from cablepod.catenary._piecewise import PiecewiseCatenary, is_piecewise, is_slack_weightless, pieces_of
 from cablepod.catenary._piecewise_solve import solve_pieces
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS

@@ -138,11 +138,7 @@ class ExplicitChainRun(ChainRun):
         return state, damping_factor, patterns
 
     def _gather(
-        self,
-        instants: OutputTimes,
-        saved: np.ndarray,
-        half_velocities: np.ndarray | None,
-        extremes: Extremes,
+        self, instants: OutputTimes, saved: np.ndarray, half_velocities: np.ndarray | None, extremes: Extremes
     ) -> Trajectory:
         """Make a trajectory of saved positions and half-step velocities."""
         x = np.ascontiguousarray(np.moveaxis(saved, 1, 2))

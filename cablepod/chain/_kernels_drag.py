@@ -6,15 +6,7 @@ import math
 
 from cablepod._jit import compiled
 from cablepod.chain._kernels_attached import add_body_drag
-from cablepod.chain._kernels_layout import (
-    BASE_X,
-    DRAG_PER_MASS,
-    DRAG_X,
-    LINE,
-    PER_MASS,
-    VX,
-    X,
-)
+from cablepod.chain._kernels_layout import BASE_X, DRAG_PER_MASS, DRAG_X, LINE, PER_MASS, VX, X
 
 #: Weights of Adams and Bashforth for the last three evaluations of the drag.
 NOW, BEFORE, OLD = 23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0

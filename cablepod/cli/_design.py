@@ -21,14 +21,7 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.examples import scene_path
 from cablepod.scene._read import read_scene
 from cablepod.study import design
-from cablepod.study._design_tables import (
-    Row,
-    case_rows,
-    foot_rows,
-    guy_rows,
-    height_rows,
-    level_rows,
-)
+from cablepod.study._design_tables import Row, case_rows, foot_rows, guy_rows, height_rows, level_rows
 
 #: Default speeds over that of the scene.
 SPEEDS = (0.6, 0.7, 0.8, 0.9, 1.0)

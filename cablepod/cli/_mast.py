@@ -167,10 +167,7 @@ def _reactions(found: dict[str, Any]) -> list[str]:
     force += f"{printed(found['largest_foot_force_horizontal'], 'N', 4)} horizontal"
     if found["largest_anchor_force"] is not None:
         force += f", on the anchor of guy {found['largest_anchor_force_guy']} {printed(found['largest_anchor_force'], 'N', 4)}"
-    return [
-        f"             shear {printed(found['largest_shear'], 'N', 4)} between {lower:g} and {upper:g} m",
-        force,
-    ]
+    return [f"             shear {printed(found['largest_shear'], 'N', 4)} between {lower:g} and {upper:g} m", force]
 
 
 def _around_break(study: xr.DataTree) -> list[str]:

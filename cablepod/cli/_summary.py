@@ -39,10 +39,7 @@ LINES = (
 #: Ratios that are printed in per cent.
 SHARES = ("strain", "sag_over_chord", "motion_over_chord", "utilisation")
 _, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
-FREQUENCIES = (
-    ("first frequencies in plane", "in_plane"),
-    ("first frequencies out of plane", "out_of_plane"),
-)
+FREQUENCIES = (("first frequencies in plane", "in_plane"), ("first frequencies out of plane", "out_of_plane"))
 
 
 def table(summary: xr.Dataset) -> str:

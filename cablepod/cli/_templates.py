@@ -33,10 +33,7 @@ TEXTS = {
         "simulate one scene: rest, chain, modes, reduced models and their errors",
         "Rest, snapshots of the chain, modes, reduced models, their errors and run times, figures; all archived.",
         f"SCENE.toml: scene file, or a shipped scene: {', '.join(scenes())}",
-        (
-            "cablepod run example2",
-            "cablepod run guy.toml --out out/guy --ranks 1,2,4,8 --overwrite",
-        ),
+        ("cablepod run example2", "cablepod run guy.toml --out out/guy --ranks 1,2,4,8 --overwrite"),
     ),
     "paper": Texts(
         "set every table and figure of the paper beside our own",
@@ -136,11 +133,7 @@ TEXTS = {
         "Without a name list the shipped scenes and their titles; with a name copy that scene, to be changed. "
         "Overwrites nothing.",
         "NAME: a shipped scene",
-        (
-            "cablepod examples",
-            "cablepod examples example3",
-            "cablepod examples slack_cable --out scenes/mine.toml",
-        ),
+        ("cablepod examples", "cablepod examples example3", "cablepod examples slack_cable --out scenes/mine.toml"),
     ),
 }
 

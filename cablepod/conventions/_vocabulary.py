@@ -62,10 +62,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
         "N",
         "smallest tension of the link over all steps of the run, not at output times between them",
     ),
-    "tension_maximum": (
-        "N",
-        "largest tension of the link over all steps of the run, not at output times between them",
-    ),
+    "tension_maximum": ("N", "largest tension of the link over all steps of the run, not at output times between them"),
     "tension_mean": ("N", "time mean of the tension of the link"),
     "tension_rms": ("N", "root mean square of the tension of the link over time"),
     "tension_minimum_time": ("s", "time of the smallest tension of all links"),

@@ -32,14 +32,7 @@ from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_of_
 from cablepod.ensemble._job import Done, compute, inputs_of, run_batch, synchronous_dask, write_batch
 from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
-from cablepod.errors import (
-    ArchiveError,
-    MemberFailedWarning,
-    RunStopped,
-    SceneError,
-    scene_error,
-    warn,
-)
+from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, warn
 from cablepod.integrate._request import Request, check_times
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters

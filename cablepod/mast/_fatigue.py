@@ -28,6 +28,5 @@ def guy_fatigue(motion: xr.Dataset, window: Sequence[float] | None = None) -> xr
     if tension.sizes["time"] < 2:
         return None
     return fatigue.equivalent(tension, exponent=EXPONENT, frequency=FREQUENCY).assign_attrs(
-        units="N",
-        long_name=f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second",
+        units="N", long_name=f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second"
     )

@@ -9,16 +9,7 @@ import numpy as np
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.chain._kernels_attached import apply_attached, note_attached
 from cablepod.condensed._kernels_drag import _spatial_law
-from cablepod.mast._kernels_layout import (
-    BODY,
-    DIVERGED,
-    DONE,
-    DRAG,
-    INVERSE_LENGTH,
-    LINK_STIFFNESS,
-    PER_MASS,
-    PLACE,
-)
+from cablepod.mast._kernels_layout import BODY, DIVERGED, DONE, DRAG, INVERSE_LENGTH, LINK_STIFFNESS, PER_MASS, PLACE
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)

@@ -143,11 +143,7 @@ def table_2(_: Size, progress: Progress) -> Section:
         "energy_x": 100.0 * float(best["table2_energy_share"][0, 0]),
         "near": 100.0 * np.abs(best["table2_singular_value"].values[:, :3] / printed[:, :3] - 1.0).max(),
     }
-    drawn = {
-        "table2": figures.singular_values(table),
-        "figure5": figures.figure5(),
-        "figure6": figures.figure6(),
-    }
+    drawn = {"table2": figures.singular_values(table), "figure5": figures.figure5(), "figure6": figures.figure6()}
     return Section("Table 2", table, values, drawn)
 
 

@@ -21,11 +21,7 @@ SHORTEST, LONGEST = 1e-6, 1e9
 SAME = 1e-9
 
 #: Keys that go with an area -> keys of the same quantity that need none.
-WITHOUT_AREA = {
-    "youngs_modulus": "axial_stiffness",
-    "specific_weight": "mass_per_length",
-    "density": "mass_per_length",
-}
+WITHOUT_AREA = {"youngs_modulus": "axial_stiffness", "specific_weight": "mass_per_length", "density": "mass_per_length"}
 
 
 class CrossSection(NamedTuple):

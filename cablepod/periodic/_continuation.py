@@ -7,14 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cablepod.periodic._solve import (
-    MIN_HARMONICS,
-    MORE_HARMONICS,
-    TAIL_RTOL,
-    Solver,
-    Stability,
-    State,
-)
+from cablepod.periodic._solve import MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, Stability, State
 
 #: Arc length of the first, the smallest and, at small motion, the largest step, without dimension.
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 5e-3, 1e-7, 0.05

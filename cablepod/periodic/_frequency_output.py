@@ -26,9 +26,7 @@ def labelled(model: PeriodicModel, branches: list[Branch], events: list[Event], 
         for name, value in _numbers(model, point, wanted, most).items():
             rows.setdefault(name, []).append(value)
         highest = max(highest, output.significant_harmonic(point.state) * point.state.omega * scale)
-    variables: dict[str, Any] = {
-        "branch": (("point",), np.array([branch.number for branch, _ in points])),
-    }
+    variables: dict[str, Any] = {"branch": (("point",), np.array([branch.number for branch, _ in points]))}
     dims = {"tension_minimum": "link", "tension_maximum": "link", "multiplier_real": "multiplier",
             "multiplier_imag": "multiplier"}  # fmt: skip
     for name, values in rows.items():

@@ -7,14 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.periodic._kernels_balance import (
-    MAX_ITERATIONS,
-    NEWTON_RTOL,
-    balance,
-    correct,
-    factorise,
-    substitute,
-)
+from cablepod.periodic._kernels_balance import MAX_ITERATIONS, NEWTON_RTOL, balance, correct, factorise, substitute
 from cablepod.periodic._kernels_floquet import multipliers
 from cablepod.periodic._kernels_forces import _at_amplitude, leading_samples
 

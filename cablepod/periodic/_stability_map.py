@@ -181,7 +181,6 @@ def labelled(model: PeriodicModel, found: MapResult, omegas: np.ndarray, amplitu
     result = output.dataset(model, variables, coords, **names)
     least = found.smallest_force[np.isfinite(found.smallest_force)]
     result.attrs.update(
-        smallest_chordwise_force=float(least.min(initial=np.inf)),
-        **output.axial_attributes(model, float(omegas[-1])),
+        smallest_chordwise_force=float(least.min(initial=np.inf)), **output.axial_attributes(model, float(omegas[-1]))
     )
     return result

@@ -19,13 +19,7 @@ from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._label import check_options, labelled
-from cablepod.pod._snapshots import (
-    check_same_particles,
-    lift,
-    position_of,
-    positions,
-    weight_roots,
-)
+from cablepod.pod._snapshots import check_same_particles, lift, position_of, positions, weight_roots
 from cablepod.pod._stream import Stream, add_checked
 from cablepod.pod._training_range import range_of
 

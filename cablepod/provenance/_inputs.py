@@ -62,10 +62,7 @@ def identified(function: str, options: Mapping[str, Any], keys: Sequence[Any]) -
 
 
 def input_of(
-    dataset: xr.Dataset,
-    *,
-    scene_digest: str | None = None,
-    contents: Mapping[str, VariableContent] | None = None,
+    dataset: xr.Dataset, *, scene_digest: str | None = None, contents: Mapping[str, VariableContent] | None = None
 ) -> Input:
     """Return what a history says of an input; if it is not what its stage made, with a stage of its own.
 
@@ -166,10 +163,7 @@ def _made(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | None) -
 
 
 def _changed(
-    dataset: xr.Dataset,
-    recorded: Mapping[str, Any],
-    found: _Found,
-    contents: Mapping[str, VariableContent] | None,
+    dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found, contents: Mapping[str, VariableContent] | None
 ) -> Input:
     """Return a changed Dataset as an input, with a stage for the change."""
     attrs = dataset.attrs

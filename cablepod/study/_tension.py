@@ -40,10 +40,7 @@ NAMES = {
 
 
 def tension_in_wind(
-    scene: xr.Dataset,
-    reference: xr.Dataset,
-    numbers: xr.Dataset,
-    progress: Callable[[str, float], None] | None = None,
+    scene: xr.Dataset, reference: xr.Dataset, numbers: xr.Dataset, progress: Callable[[str, float], None] | None = None
 ) -> xr.Dataset:
     """Return the tension at both ends over time, with its statistics, from a run of the chain with the step of another.
 
