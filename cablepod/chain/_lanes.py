@@ -132,17 +132,15 @@ class Kernel:
 
         `rotation` is that of the links by rounding errors over their relative size (lanes,).
         """
-        from cablepod.chain import _kernels_energy_momentum, _kernels_generalized_alpha  # numba is imported only here
+        from cablepod.chain import _kernels_implicit as kernel  # numba is imported only here
 
         run, newton, modal = self._run, self._newton, self._steppers[0].modal
         alpha_m, alpha_f, beta, gamma = run.parameters
         remainder = REMAINDER if run.air is not None or modal.matrix.size else 0.0
         if run.method == "energy_momentum":
-            advance: Any = _kernels_energy_momentum.energy_momentum
             inertia, rate, more = 2.0 / (step * step), 1.0 / step, 2.0 * modal.half_ratio / (step * step)
             tolerance = MIN_ROUNDING * rotation
         else:
-            advance = _kernels_generalized_alpha.generalized_alpha
             rate = gamma / (beta * step)
             inertia = (1.0 - alpha_m) / (1.0 - alpha_f) / (beta * step * step)
             more = modal.half_ratio * rate * rate
@@ -155,9 +153,9 @@ class Kernel:
         newton.start_blocks(len(self._sizes.dims))
         marks = Lanes(is_running, failed, iterations, tolerance, ROUNDING * rotation, remainder, self._bound)
         numbers = step, alpha_m, alpha_f, beta, gamma
-        done: int = advance(
-            self._sizes, self._chain, self._terms, tables, time.size - 1, numbers, state, marks, record, newton
-        )
+        conserving = True if run.method == "energy_momentum" else None
+        arguments = self._sizes, self._chain, self._terms, tables, time.size - 1, numbers, state, marks, record, newton
+        done: int = kernel.implicit(*arguments, conserving)
         return done
 
 

@@ -192,10 +192,7 @@ def implicit_chains(number: int, repeats: int) -> None:
     }
     scenes = varied(scene("example3"), number, ranges)
     each = [scenes.isel(member=i, drop=True) for i in range(number)]
-    names = (
-        "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
-        "cablepod.chain._kernels_energy_momentum.energy_momentum",
-    )
+    names = ("cablepod.chain._kernels_implicit.implicit",)
     for scheme, accuracy in IMPLICIT:
         options: dict[str, Any] = {"scheme": scheme, "links": 40, **accuracy}
         ways = {

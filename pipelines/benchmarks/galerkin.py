@@ -36,7 +36,7 @@ HERE = Path(__file__).resolve().parent
 TIMES = np.arange(1251) / 10.0
 KERNELS = (
     "cablepod.chain._kernels_explicit.verlet",
-    "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
+    "cablepod.chain._kernels_implicit.implicit",
     "cablepod.galerkin._kernels_explicit.verlet",
     "cablepod.galerkin._kernels_implicit.implicit",
 )

@@ -39,10 +39,7 @@ CASES = (
 TIMES = np.arange(126.0)
 #: The continuous cable; 32 elements differ by 1e-8 of the motion (data/truth).
 CABLE = {"law": "linear", "elements": 8, "step": 8e-5, "outputs": ("position",)}
-KERNELS = (
-    "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
-    "cablepod.chain._kernels_energy_momentum.energy_momentum",
-)
+KERNELS = ("cablepod.chain._kernels_implicit.implicit",)
 
 
 def measured(given, links: int, **options) -> tuple[float, float, np.ndarray]:

@@ -350,8 +350,7 @@ MARCHES = ("cablepod.integrate._march.advance_in_blocks",)
 #: Compiled loops, and the tables of ends and loads that they need.
 COMPILED = (
     "cablepod.chain._kernels_explicit.verlet",
-    "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
-    "cablepod.chain._kernels_energy_momentum.energy_momentum",
+    "cablepod.chain._kernels_implicit.implicit",
     "cablepod.cable._kernels_explicit.verlet",
     "cablepod.cable._kernels_trapezoidal.trapezoidal",
     "cablepod.galerkin._kernels_explicit.verlet",

@@ -97,7 +97,7 @@ KERNELS = {
     "condensed": (
         "_kernels_closure", "_kernels_recorder", "_kernels_explicit", "_kernels_frame", "_kernels_sines", "_kernels_error",
     ),
-    "chain": ("_kernels_links", "_kernels_banded", "_kernels_newton", "_kernels_generalized_alpha", "_kernels_drag"),
+    "chain": ("_kernels_links", "_kernels_banded", "_kernels_newton", "_kernels_implicit", "_kernels_drag"),
 }  # fmt: skip
 
 
