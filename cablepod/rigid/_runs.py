@@ -140,10 +140,9 @@ class RigidStepper:
     """State of a run, advanced in place by the kernels."""
 
     def __init__(self, run: RigidRun, instants: OutputTimes) -> None:
-        from cablepod.rigid import _kernels_index1, _kernels_rattle  # numba is imported only to compute
+        from cablepod.rigid import _kernels_steps as kernel  # numba is imported only to compute
 
-        self.rattle, self.index1 = _kernels_rattle.rattle, _kernels_index1.index1
-        self.states_kernel = _kernels_index1.states
+        self.kernel = kernel
         chain, p = run.chain, run.chain.p
         self.run, self.instants = run, instants
         self.links, self.spatial = chain.links, True if p.dims == 3 else None
@@ -241,12 +240,12 @@ class RigidStepper:
             if self.damping:
                 decay = math.exp(-0.5 * self.damping * step)
                 half = -math.expm1(-0.5 * self.damping * step) / self.damping
-            done, self.status = self.rattle(
+            done, self.status = self.kernel.rattle(
                 *head, *self._tables(time), step, half, decay, self.damping, self._length_rounding(time), *last
             )
         else:
             time = (number + np.arange(2 * steps + 1) / (2 * substeps)) / steps_per_second
-            done, self.status = self.index1(
+            done, self.status = self.kernel.index1(
                 *head, *self._tables(time), step, self.damping, self._length_rounding(time), *last
             )
         return done
@@ -287,7 +286,7 @@ class RigidStepper:
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Do ``states`` with a state array `s` to work in; returns the number of states done too."""
         a, tension = np.empty_like(x), np.empty((len(x), self.links))
-        done, self.status = self.states_kernel(
+        done, self.status = self.kernel.states(
             s, self.links, self.spatial, self._ends(time), self.patterns, self._factors(time), self.damping,
             is_projected, self._length_rounding(time), x, v, a, tension, self.counts,
         )  # fmt: skip

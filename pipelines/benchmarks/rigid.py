@@ -45,7 +45,7 @@ SCENES = ("slack_cable", "slack_line", "folded_chain")
 LONGEST = {"slack_cable": 0.064, "slack_line": 0.004, "folded_chain": 0.0005}
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 WIDTH = 6  #: unknowns of a particle: x, y, vx, vy, and of the link above it lambda, mu
-KERNELS = ("cablepod.rigid._kernels_rattle.rattle", "cablepod.rigid._kernels_index1.index1")
+KERNELS = ("cablepod.rigid._kernels_steps.rattle", "cablepod.rigid._kernels_steps.index1")
 Row = tuple[str, str, float, float, float, float]
 
 
