@@ -49,8 +49,8 @@ def respond(
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     with _saying_of_damping(dataset), Bars() as bars:
         bars("frequency response", 0.0)
-        options = {"frequency": (low, high), "progress": partial(bars, "frequency response")}
-        result, status = _kept(partial(periodic.frequency_response, dataset, chosen, **options))
+        compute = partial(periodic.frequency_response, dataset, chosen, frequency=(low, high))
+        result, status = _kept(partial(compute, progress=partial(bars, "frequency response")))
     from cablepod import plots
 
     of_tension = partial(plots.frequency_response, variable="tension_maximum", hertz=hertz)
@@ -80,8 +80,8 @@ def tongues(
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
     with _saying_of_damping(dataset), Bars() as bars:
-        grid = {"frequency": np.linspace(low, high, points), "amplitude": amplitude * np.arange(1, points + 1) / points}
-        compute = partial(periodic.stability_map, dataset, chosen, **grid)
+        omega, rising = np.linspace(low, high, points), amplitude * np.arange(1, points + 1) / points
+        compute = partial(periodic.stability_map, dataset, chosen, frequency=omega, amplitude=rising)
         result, status = _kept(partial(compute, progress=partial(bars, "stability map")))
     draw = partial(plots.stability_map, hertz=hertz)
     drawings = draw, partial(draw, variable="response")

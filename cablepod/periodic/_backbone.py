@@ -100,10 +100,8 @@ def backbone(
     study = _Backbone(model, int(mode), float(amplitude), progress)
     result = study.result(motion)
     parameters = {"mode": int(mode), "amplitude": float(amplitude), "rank": rank, "motion": motion}
-    result = output.record(result, "periodic.backbone", scene, modes, parameters, incomplete=study.interrupted)
-    if study.interrupted:
-        output.stop_interrupted(result, "periodic.backbone", f"{result.sizes['point']} points")
-    return result
+    kept = f"{result.sizes['point']} points" if study.interrupted else ""
+    return output.record(result, "periodic.backbone", scene, modes, parameters, kept=kept)
 
 
 class _Backbone:

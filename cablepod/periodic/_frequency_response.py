@@ -142,11 +142,8 @@ def frequency_response(
         "frequency": [low, high], "rank": rank, "order": order, "harmonics": harmonics, "follow": list(names),
         "points": int(points), "out_of_plane": bool(out_of_plane), "outputs": list(wanted),
     }  # fmt: skip
-    result = output.record(
-        result, "periodic.frequency_response", scene, modes, parameters, incomplete=study.interrupted
-    )
-    if study.interrupted:
-        output.stop_interrupted(result, "periodic.frequency_response", f"{result.sizes['point']} points")
+    kept = f"{result.sizes['point']} points" if study.interrupted else ""
+    result = output.record(result, "periodic.frequency_response", scene, modes, parameters, kept=kept)
     output.warn_of_result(result.attrs, model.undamped)
     return result
 

@@ -68,97 +68,82 @@ def compute_map(
     from cablepod.periodic import _kernels_map as kernel  # numba is imported only to compute
 
     frequency_scale, length_scale, _ = base.scales
-    n = base.n_in_plane if base.is_planar else base.size
-    split = base.n_in_plane if base.is_planar else base.size
+    split = base.n_in_plane if base.is_planar else base.size  # coordinates that the forcing moves
     scaled = omega / frequency_scale
     check_period(base, 2.0 * np.pi / scaled[0])
     equal = _equal_steps(amplitudes)
-    shapes = np.concatenate(base.sets)[:n] * length_scale
+    shapes = np.concatenate(base.sets)[:split] * length_scale
     columns_of_rows = base.rows(1, 1).shape[2]
     most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * columns_of_rows)))
+
+    def compute(columns: np.ndarray, own: np.ndarray, stride: int, harmonics: int) -> np.ndarray:
+        """Compute columns with a number of harmonics, the `own` ones for the result; return those that need more."""
+        samples, shape = 4 * harmonics + 4, (len(models), columns.size)
+        phases = samples * stride
+        terms = [_stacked(models, size, phases) for size in (split, base.size)]
+        for model in models:
+            model.forget_rows()
+        steps = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics), stride, samples
+        rest = np.zeros((1 + 2 * harmonics, split))
+        rest[0] = base.rest[:split] / length_scale
+        orbits = np.full((*shape, rest.size + 1), np.nan)
+        growth, kind = np.full((2, *shape), np.nan), np.zeros((2, *shape), np.int64)
+        response, force, tail = (np.full(shape, np.nan) for _ in range(3))
+        computed = np.zeros(columns.size, dtype=bool)
+
+        def do(begin: int) -> None:
+            kernel.map_columns(
+                begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), *terms, shapes, split, *steps,
+                orbits, growth, kind, response, force, tail,
+            )  # fmt: skip
+            computed[begin : begin + COLUMNS] = True
+
+        def settled() -> np.ndarray:
+            return computed & ((harmonics >= MAX_HARMONICS) | ~(np.nanmax(tail, axis=0, initial=0.0) > TAIL_RTOL))
+
+        def told(_: int) -> None:
+            progress((int(result.finished[0].sum()) + int((settled() & own).sum())) / omega.size)
+
+        try:
+            map_threads(do, range(0, columns.size, COLUMNS), cores(), done=told)
+        finally:  # after Ctrl-C the columns that are settled
+            flagged = ~settled()
+            kept = own & ~flagged
+            into = columns[kept]
+            result.growth[:, :, into], result.kind[:, :, into] = growth[:, :, kept] * frequency_scale, kind[:, :, kept]
+            result.response[:, into], result.smallest_force[:, into] = (
+                response[:, kept],
+                force[:, kept] * base.force_scale,
+            )
+            result.tail[:, into], result.finished[:, into] = tail[:, kept], True
+
+        def refine(place: tuple[int, int, int]) -> None:
+            k, a, f = place
+            of_set = (0, 2 * split) if k == 0 else (2 * split, 2 * base.size)
+            kind_of_edge = int(max(kind[k, a, f], kind[k, a, f + 1]))
+            value = kernel.refine_edge(kind_of_edge, orbits[a, f], orbits[a, f + 1], *of_set, a, *terms, split, *steps)
+            if np.isfinite(value):
+                result.edges[(k, a, int(columns[f]))] = (value * frequency_scale, kind_of_edge)
+
+        places = [
+            (k, a, f)
+            for k, found in _changes(kind, base.size > split)
+            for a, f in zip(*(index.tolist() for index in found), strict=True)
+            if columns[f + 1] == columns[f] + 1 and not (flagged[f] and flagged[f + 1])
+        ]
+        map_threads(refine, places, cores())
+        return columns[flagged & own]
+
     todo, harmonics = np.arange(omega.size), HARMONICS
     while todo.size:
-        samples = 4 * harmonics + 4
-        again = []
-        for stride in np.unique(_strides(scaled[todo], base.fastest_rate, samples, most)):
-            columns = todo[_strides(scaled[todo], base.fastest_rate, samples, most) == stride]
+        strides, again = _strides(scaled[todo], base.fastest_rate, 4 * harmonics + 4, most), []
+        for stride in np.unique(strides).tolist():
+            columns = todo[strides == stride]
             own = np.ones(columns.size, dtype=bool)
             if columns[-1] + 1 in todo:  # with other steps; here for the edge before it alone
                 columns, own = np.append(columns, columns[-1] + 1), np.append(own, False)
-            phases = samples * int(stride)
-            of_orbit, of_all = (_stacked(models, size, phases) for size in (n, base.size))
-            for model in models:
-                model.forget_rows()
-            basis, phases_basis = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics)
-            rest = np.zeros((1 + 2 * harmonics, n))
-            rest[0] = base.rest[:n] / length_scale
-            orbits = np.full((len(models), columns.size, rest.size + 1), np.nan)
-            parts = [
-                np.full((2, len(models), columns.size), np.nan),
-                np.zeros((2, len(models), columns.size), np.int64),
-            ]
-            more = [np.full((len(models), columns.size), np.nan) for _ in range(3)]
-            computed = np.zeros(columns.size, dtype=bool)
-
-            def do(
-                begin: int, columns: np.ndarray = columns, of_orbit: Forced = of_orbit,
-                of_all: Forced = of_all, rest: np.ndarray = rest,
-                basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
-                samples: int = samples, orbits: np.ndarray = orbits, parts: list = parts, more: list = more,
-                computed: np.ndarray = computed,
-            ) -> None:  # fmt: skip
-                kernel.map_columns(
-                    begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), of_orbit,
-                    of_all, shapes, split, basis, phases_basis, stride, samples, orbits, *parts, *more,
-                )  # fmt: skip
-                computed[begin : begin + COLUMNS] = True
-
-            def settled(
-                computed: np.ndarray = computed, tail: np.ndarray = more[2], most: bool = harmonics >= MAX_HARMONICS
-            ) -> np.ndarray:
-                return computed & (most | ~(np.nanmax(tail, axis=0, initial=0.0) > TAIL_RTOL))
-
-            def told(_: int, settled: Callable[[], np.ndarray] = settled, own: np.ndarray = own) -> None:
-                progress((int(result.finished[0].sum()) + int((settled() & own).sum())) / omega.size)
-
-            try:
-                map_threads(do, range(0, columns.size, COLUMNS), cores(), done=told)
-            finally:  # after Ctrl-C the columns that are settled
-                flagged = ~settled()
-                kept = own & ~flagged
-                into = columns[kept]
-                result.growth[:, :, into], result.kind[:, :, into] = (
-                    parts[0][:, :, kept] * frequency_scale,
-                    parts[1][:, :, kept],
-                )
-                result.response[:, into], result.smallest_force[:, into] = (
-                    more[0][:, kept],
-                    more[1][:, kept] * base.force_scale,
-                )
-                result.tail[:, into], result.finished[:, into] = more[2][:, kept], True
-            again.append(columns[flagged & own])
-            places = [
-                (k, a, f, int(max(parts[1][k, a, f], parts[1][k, a, f + 1])))
-                for k, found in _changes(parts[1], base.size > split)
-                for a, f in zip(*(index.tolist() for index in found), strict=True)
-                if columns[f + 1] == columns[f] + 1 and not (flagged[f] and flagged[f + 1])
-            ]
-
-            def refine(
-                place: tuple[int, int, int, int], orbits: np.ndarray = orbits, of_orbit: Forced = of_orbit,
-                of_all: Forced = of_all, basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis,
-                stride: int = int(stride), samples: int = samples, columns: np.ndarray = columns,
-            ) -> None:  # fmt: skip
-                k, a, f, kind = place
-                value = kernel.refine_edge(
-                    kind, orbits[a, f], orbits[a, f + 1], *((0, 2 * split) if k == 0 else (2 * split, 2 * base.size)),
-                    a, of_orbit, of_all, split, basis, phases_basis, stride, samples,
-                )  # fmt: skip
-                if np.isfinite(value):
-                    result.edges[(k, a, int(columns[f]))] = (value * frequency_scale, kind)
-
-            map_threads(refine, places, cores())
-        todo = np.concatenate(again) if again else np.empty(0, dtype=int)
+            again.append(compute(columns, own, stride, harmonics))
+        todo = np.concatenate(again)
         harmonics = min(2 * harmonics, MAX_HARMONICS)
 
 

@@ -139,10 +139,8 @@ def orbit(
         "outputs": list(wanted),
     }  # fmt: skip
     inputs = () if start is None else (start,)
-    result = output.record(result, "periodic.orbit", scene, modes, parameters, inputs, incomplete=interrupted)
-    if interrupted:
-        output.stop_interrupted(result, "periodic.orbit", "some members")
-    return result
+    kept = "some members" if interrupted else ""
+    return output.record(result, "periodic.orbit", scene, modes, parameters, inputs, kept=kept)
 
 
 def find(solver: Solver, omega: float, periods: int, harmonics: int | None, start: xr.Dataset | None) -> State:

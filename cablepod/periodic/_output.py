@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -159,28 +159,19 @@ def record(
     scene: xr.Dataset,
     modes: xr.Dataset,
     parameters: Mapping[str, Any],
-    inputs: tuple[xr.Dataset, ...] = (),
+    more: tuple[xr.Dataset, ...] = (),
     *,
-    incomplete: bool = False,
+    kept: str = "",
 ) -> xr.Dataset:
-    """Append the stage to the history of the result, which is marked if it is incomplete."""
+    """Append the stage to the history of the result; after Ctrl-C mark it and raise RunStopped with what was `kept`."""
     title = str(scene.attrs.get("title", "scene"))
     attrs = {name: value for name, value in result.attrs.items() if value is not None}
     title = f"{title}: {function.replace('periodic.', '').replace('_', ' ')}"
     result.attrs = {"title": title, "stage": "periodic", "air": STILL_AIR} | attrs
-    if incomplete:
+    if kept:
         result.attrs["incomplete"] = 1
-    return provenance.record(
-        result,
-        function=function,
-        parameters=parameters,
-        inputs=[scene, modes, *inputs],
-        chosen=provenance.defaulted_options(
-            **{name: parameters[name] for name in parameters if parameters[name] is None}
-        ),
-    )
-
-
-def stop_interrupted(result: xr.Dataset, function: str, kept: str) -> NoReturn:
-    """Raise :class:`cablepod.errors.RunStopped` after Ctrl-C with what was computed."""
-    raise RunStopped(f"{function} was interrupted after {kept}; try `partial`, which has them", result)
+    chosen, inputs = provenance.defaulted_options(**parameters), (scene, modes, *more)
+    result = provenance.record(result, function=function, parameters=parameters, inputs=inputs, chosen=chosen)
+    if kept:
+        raise RunStopped(f"{function} was interrupted after {kept}; try `partial`, which has them", result)
+    return result

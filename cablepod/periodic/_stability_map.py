@@ -117,11 +117,8 @@ def stability_map(
     parameters = {
         "frequency": omegas, "amplitude": amplitudes, "rank": rank, "out_of_plane": bool(out_of_plane),
     }  # fmt: skip
-    result = output.record(result, "periodic.stability_map", scene, modes, parameters, incomplete=interrupted)
-    if interrupted:
-        count = int((result["failure"] != INTERRUPTED).sum())
-        output.stop_interrupted(result, "periodic.stability_map", f"{count} of {result['failure'].size} points")
-    return result
+    kept = f"{int((result['failure'] != INTERRUPTED).sum())} of {result['failure'].size} points" if interrupted else ""
+    return output.record(result, "periodic.stability_map", scene, modes, parameters, kept=kept)
 
 
 def _grid(key: str, given: Any) -> np.ndarray:
