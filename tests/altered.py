@@ -49,7 +49,7 @@ MORE: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "pod.reconstruct/normal": (("condensed", "normal modes"), {}),
 }  # fmt: skip
 #: Tables of pipelines, which no function of the package makes, and a call that takes a minute.
-LEFT_OUT = ("plots.error_against_run_time", "plots.stability", "study.run")
+LEFT_OUT = ("plots.error_against_run_time", "study.run")
 VARIANTS = {name: call for name, call in (CALLS | MORE).items() if name not in LEFT_OUT}
 SLOW = ("ensemble.run",)
 #: Alterations of one variable, dimension or attribute, of which each is altered in turn.

@@ -124,7 +124,6 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.shapes": (("chain", "condensed"), {}),
     "plots.singular_values": (("modes",), {}),
     "plots.snapshots": (("chain", "chain"), {}),
-    "plots.stability": (("comparison",), {}),
     "plots.stability_map": (("map",), {}),
     "plots.stringing": (("stringing",), {}),
     "plots.tension": (("chain",), {}),

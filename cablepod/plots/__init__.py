@@ -5,7 +5,7 @@
 
 from cablepod.plots._animation import Animation, animate
 from cablepod.plots._cables import end_tensions, phase_portraits, rest, shapes, snapshots, tension
-from cablepod.plots._maps import parameter_map, stability
+from cablepod.plots._maps import parameter_map
 from cablepod.plots._mast import bending_moments, guy_tensions, mast_shapes
 from cablepod.plots._mast_animation import animate_mast
 from cablepod.plots._modes import amplitudes, modes, singular_values
@@ -46,7 +46,6 @@ __all__ = [
     "singular_values",
     "snapshots",
     "spectra",
-    "stability",
     "stability_map",
     "stringing",
     "tension",

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
+from matplotlib.figure import Figure
 from stability import cases, figure, run, verdict
 
 import cablepod as cp
@@ -249,3 +251,42 @@ def test_the_energy_is_kept_over_many_hours(pipeline):
     for scheme, step, most in (("energy_momentum", 0.05, 1e-11), ("velocity_verlet", 0.002, 1e-5)):
         run = judge.simulate(scene, scheme=scheme, step=step, outputs=judge.OUTPUTS)
         assert judge.drift(chain, run["position"].values, run["velocity"].values) < most
+
+
+def verdicts():
+    nan = np.nan
+    return xr.Dataset(
+        {
+            "outcome": (("case", "scheme"), [[0, 1], [2, 3]]),
+            "error": (("case", "scheme"), [[1e-3, 0.2], [nan, nan]]),
+            "energy_drift": (("case", "scheme"), [[1e-9, nan], [nan, nan]]),
+            "kept": (("case", "scheme"), [[1.0, 1.0], [0.0, 0.42]]),
+            "group": ("case", ["stiff", "slack"]),
+            "chaotic": ("case", [0, 1]),
+            "tolerance_state": (("case", "wanted_error"), [[0], [1]]),
+            "tolerance_error": (("case", "wanted_error"), [[1e-5], [nan]]),
+            "tolerance_scheme": (("case", "wanted_error"), [[1], [-1]]),
+        },
+        coords={
+            "case": ["a guy", "a whip"],
+            "scheme": ["velocity_verlet", "trapezoidal"],
+            "wanted_error": [1e-4],
+        },
+        attrs={"classes": "accurate, inaccurate, refused, stopped", "states": "met, missed with a warning"},
+    )
+
+
+def test_the_stability_matrix_has_letters_numbers_and_names():
+    ax = figure.stability(verdicts(), Figure().subplots())
+    said = [item.get_text() for item in ax.texts]
+    assert said == ["stiff", "slack", "A  1e-3  ΔE 1e-9", "I  2e-1", "A  1e-5  T", "R", "S  at 42 %", "W"]
+    assert [item.get_text() for item in ax.get_yticklabels()] == ["a guy", "a whip *"]
+    assert len(ax.patches) == 6
+    assert "A  accurate" in [item.get_text() for item in ax.get_legend().get_texts()]
+
+
+def test_another_dataset_is_no_stability_matrix():
+    ax = Figure().subplots()
+    with pytest.raises(cp.SceneError, match="result: given a Dataset without outcome; allowed: what pipelines/stab"):
+        figure.stability(verdicts().drop_vars("outcome"), ax)
+    assert not ax.texts

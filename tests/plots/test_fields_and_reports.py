@@ -80,25 +80,6 @@ def settings():
     )
 
 
-def verdicts():
-    nan = np.nan
-    return xr.Dataset(
-        {
-            "outcome": (("case", "scheme"), [[0, 1], [2, 3]]),
-            "error": (("case", "scheme"), [[1e-3, 0.2], [nan, nan]]),
-            "energy_drift": (("case", "scheme"), [[1e-9, nan], [nan, nan]]),
-            "kept": (("case", "scheme"), [[1.0, 1.0], [0.0, 0.42]]),
-            "group": ("case", ["stiff", "slack"]),
-            "chaotic": ("case", [0, 1]),
-            "tolerance_state": (("case", "wanted_error"), [[0], [1]]),
-            "tolerance_error": (("case", "wanted_error"), [[1e-5], [nan]]),
-            "tolerance_scheme": (("case", "wanted_error"), [[1], [-1]]),
-        },
-        coords={"case": ["a guy", "a whip"], "scheme": ["velocity_verlet", "trapezoidal"], "wanted_error": [1e-4]},
-        attrs={"classes": "accurate, inaccurate, refused, stopped", "states": "met, missed with a warning"},
-    )
-
-
 # --- snapshots --------------------------------------------------------------------------------------------------------
 
 
@@ -319,15 +300,6 @@ def test_error_against_run_time_draws_settings_fronts_and_ratios():
     assert ax.lines[1].get_xdata()[0] == pytest.approx(2.0)
 
 
-def test_the_stability_matrix_has_letters_numbers_and_names():
-    ax = plots.stability(verdicts())
-    said = [item.get_text() for item in ax.texts]
-    assert said == ["stiff", "slack", "A  1e-3  ΔE 1e-9", "I  2e-1", "A  1e-5  T", "R", "S  at 42 %", "W"]
-    assert [item.get_text() for item in ax.get_yticklabels()] == ["a guy", "a whip *"]
-    assert len(ax.patches) == 6
-    assert "A  accurate" in texts(ax)
-
-
 # --- axes, and what is refused ----------------------------------------------------------------------------------------
 
 ALL = {
@@ -336,7 +308,6 @@ ALL = {
     "phase_portraits": lambda **options: plots.phase_portraits(pulled(), **options),
     "parameter_map": lambda **options: plots.parameter_map(members(), "peak", x="omega", y="size", **options),
     "error_against_run_time": lambda **options: plots.error_against_run_time(settings(), scene="guy", **options),
-    "stability": lambda **options: plots.stability(verdicts(), **options),
 }
 
 
@@ -383,7 +354,6 @@ def test_given_axes_are_used_and_new_ones_can_be_drawn(name):
         (lambda: plots.error_against_run_time(members()), "result: given a Dataset without error_max; allowed: what pip"),
         (lambda: plots.error_against_run_time(settings()), 'scene: given None; allowed: one of "guy", "flat"'),
         (lambda: plots.error_against_run_time(settings(), time="t"), "time: given 't'; allowed: one of \"kernel_time\""),
-        (lambda: plots.stability(members()), "result: given a Dataset without outcome; allowed: what pipelines/stab"),
     ],
 )  # fmt: skip
 def test_wrong_input_is_refused_before_a_figure_is_made(draw, message):
