@@ -10,11 +10,8 @@ velocity over each of its calls.
 
 from __future__ import annotations
 
-import struct
 import sys
-import tempfile
 import time
-from contextlib import chdir
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +20,7 @@ if __name__ == "__main__":
 
 import numpy as np
 import xarray as xr
+from _moordyn import Line, moordyn_of, nodes_of
 from _study import command_line, markdown_table, percent, show_table
 
 import cablepod as cp
@@ -36,36 +34,6 @@ DEPTH = 200.0  #: of the lower end below MoorDyn's surface [m]
 #: Root mean squares of differences may be these parts of the standard deviations.
 POSITION_RTOL, TENSION_RTOL = 1e-4, 1e-3
 HEAD = ("", "positions", "tensions", "run time [s]")
-INPUT = """--- MoorDyn input file ---
-guy
---- LINE TYPES ---
-TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx
-(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)
-cable {diameter!r} {mass!r} {stiffness!r} 0 0 {drag!r} 0 0 0
---- POINTS ---
-ID Attachment X Y Z M V CdA CA
-(#) (-) (m) (m) (m) (kg) (m^3) (m^2) (-)
-1 Fixed {lower[0]!r} {lower[1]!r} {lower[2]!r} 0 0 0 0
-2 Coupled {upper[0]!r} {upper[1]!r} {upper[2]!r} 0 0 0 0
---- LINES ---
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (#) (#) (m) (-) (-)
-1 cable 1 2 {length!r} {links} -
---- OPTIONS ---
-0 writeLog
-1 disableOutput
-RK4 tScheme
-{step!r} dtM
-{air!r} WtrDnsty
-{depth!r} WtrDpth
-{gravity!r} g
-0 dtIC
-0 TmaxIC
-0 kBot
-0 cBot
-1 Currents
---- need this line ---
-"""
 CURRENT = """--- steady current ---
 uniform
 z ux uy uz
@@ -127,17 +95,17 @@ def moordyn(chain: xr.Dataset) -> tuple[np.ndarray, np.ndarray, float]:
     import moordyn as md
 
     own = chain.position.values
-    model, line = _model(md, chain)
+    model, line = _model(chain)
     grid = CALL * np.arange(round(float(chain.time[-1]) / CALL) + 1)
     place = AMPLITUDE * (1.0 - np.cos(OMEGA * grid))
     velocity, upper, every = np.diff(place) / CALL, own[0, -1], round(INTERVAL / CALL)
-    position, spent = [_nodes(md, line, chain)], 0.0
+    position, spent = [_nodes(line, chain)], 0.0
     for i in range(grid.size - 1):
         begin = time.perf_counter()
         md.Step(model, [upper[0], place[i], upper[1] - DEPTH], [0.0, velocity[i], 0.0], grid[i], CALL)
         spent += time.perf_counter() - begin
         if (i + 1) % every == 0:
-            position.append(_nodes(md, line, chain))
+            position.append(_nodes(line, chain))
     md.Close(model)
     result = np.array(position)
     result[:, -1] = own[:, -1]
@@ -145,35 +113,21 @@ def moordyn(chain: xr.Dataset) -> tuple[np.ndarray, np.ndarray, float]:
     return result, STIFFNESS * (reach * chain.sizes["link"] / float(chain.unstretched_length) - 1.0), spent
 
 
-def _nodes(md: Any, line: Any, chain: xr.Dataset) -> np.ndarray:
+def _nodes(line: Any, chain: xr.Dataset) -> np.ndarray:
     """Return the positions of MoorDyn's nodes in the axes of the chain [m]; its z is up, from the surface."""
-    x, y, z = np.array([md.GetLineNodePos(line, j) for j in range(chain.sizes["particle"])]).T
+    x, y, z = nodes_of(line, chain.sizes["particle"]).T
     return np.stack([x, z + DEPTH, y], axis=1)
 
 
-def _model(md: Any, chain: xr.Dataset) -> tuple[Any, Any]:
+def _model(chain: xr.Dataset) -> tuple[Any, Any]:
     """Load the guy at the start of the chain; return system and line."""
     x, y, z = chain.position.values[0].T
-    start = np.stack([x, z, y - DEPTH], axis=1)
     drag = DRAG * (1.0 + float(chain.tension.mean()) / STIFFNESS)
-    text = INPUT.format(
-        diameter=DIAMETER, mass=MASS, stiffness=STIFFNESS, drag=drag, lower=start[0].tolist(), upper=start[-1].tolist(),
-        length=float(chain.unstretched_length), links=chain.sizes["link"], step=STEP, air=AIR, depth=2.0 * DEPTH,
-        gravity=GRAVITY,
-    )  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        Path("lines.txt").write_text(text)
-        Path("current_profile.txt").write_text(CURRENT.format(speed=SPEED))
-        model = md.Create("lines.txt")
-        md.SetVerbosity(model, md.LEVEL_ERR)
-        md.Init_NoIC(model, start[-1].tolist(), [0.0, 0.0, 0.0])
-        line = md.GetLine(model, 1)
-        state = bytes(md.Serialize(model))  # it starts from a catenary of its own
-        for j in range(1, chain.sizes["link"]):
-            state = state.replace(struct.pack("<3d", *md.GetLineNodePos(line, j)), struct.pack("<3d", *start[j]))
-        md.Deserialize(model, state)
-    if np.abs(_nodes(md, line, chain) - chain.position.values[0]).max() > 1e-12:
-        raise RuntimeError("MoorDyn did not take the start")
+    length = float(chain.unstretched_length)
+    guy = Line(np.stack([x, z, y - DEPTH], axis=1), MASS, STIFFNESS, length, (1, 2), DIAMETER, drag)
+    water = {"WtrDnsty": AIR, "WtrDpth": 2.0 * DEPTH, "Currents": 1}
+    ends = [("Fixed", 0.0), ("Coupled", 0.0)]
+    model, (line,) = moordyn_of([guy], ends, STEP, GRAVITY, options=water, current=CURRENT.format(speed=SPEED))
     return model, line
 
 

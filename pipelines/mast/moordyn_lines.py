@@ -10,11 +10,9 @@ with as many links and of condensed guys.
 
 from __future__ import annotations
 
-import struct
 import sys
 import tempfile
 import time
-from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ if __name__ == "__main__":
 
 import numpy as np
 import xarray as xr
+from _moordyn import Line, moordyn_of
 from _study import command_line, markdown_table, show_table
 
 import cablepod as cp
@@ -35,34 +34,6 @@ from cablepod.parameters._mast import mast_parameters
 HERE = Path(__file__).parent
 #: Step of MoorDyn, interval in which an upper end keeps its velocity, interval of the output [s].
 STEP, CALL, INTERVAL = 2e-4, 0.005, 0.02
-INPUT = """--- MoorDyn input file ---
-guys of a mast
---- LINE TYPES ---
-TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx
-(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)
-{types}
---- POINTS ---
-ID Attachment X Y Z M V CdA CA
-(#) (-) (m) (m) (m) (kg) (m^3) (m^2) (-)
-{points}
---- LINES ---
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (#) (#) (m) (-) (-)
-{lines}
---- OPTIONS ---
-0 writeLog
-1 disableOutput
-RK4 tScheme
-{step!r} dtM
-0 WtrDnsty
-1000 WtrDpth
-{gravity!r} g
-0 dtIC
-0 TmaxIC
-0 kBot
-0 cBot
---- need this line ---
-"""  # without water the diameter plays no part
 
 
 def by_moordyn(guys: list[StaticGuy], gravity: float, links: int, moved: np.ndarray) -> tuple[np.ndarray, float]:
@@ -71,7 +42,12 @@ def by_moordyn(guys: list[StaticGuy], gravity: float, links: int, moved: np.ndar
 
     shapes = np.array([rest_shape(chain_of(guy.p, links), None)[0] for guy in guys])[..., [0, 2, 1]]  # z is up
     moved, every = moved[..., [0, 2, 1]], round(INTERVAL / CALL)
-    model, lines = _model(md, guys, gravity, shapes)
+    ends = [(kind, 0.0) for _ in guys for kind in ("Fixed", "Coupled")]
+    given = [
+        Line(shape, guy.p.mass, guy.p.stiffness, guy.length, (2 * g + 1, 2 * g + 2))
+        for g, (guy, shape) in enumerate(zip(guys, shapes, strict=True))
+    ]
+    model, lines = moordyn_of(given, ends, STEP, gravity)
     velocity = np.diff(moved, axis=0) / CALL
     acceleration = np.gradient(np.gradient(moved, CALL, axis=0), CALL, axis=0)
     tensions, spent = [], 0.0
@@ -97,36 +73,6 @@ def _tension(md: Any, line: Any, guy: StaticGuy, links: int, gravity: float, acc
     force = -guy.p.stiffness * (present / length - 1.0) * reach / present
     force -= half * (np.array([0.0, 0.0, gravity]) + acceleration)
     return float(np.linalg.norm(force))
-
-
-def _model(md: Any, guys: list[StaticGuy], gravity: float, shapes: np.ndarray) -> tuple[Any, list[Any]]:
-    """Load the guys at rest; return system and lines."""
-    links = shapes.shape[1] - 1
-    types, points, rows = [], [], []
-    for g, (guy, shape) in enumerate(zip(guys, shapes.tolist(), strict=True)):
-        types.append(f"cable{g} 0.01 {float(guy.p.mass)!r} {float(guy.p.stiffness)!r} 0 0 0 0 0 0")
-        for number, kind, place in ((2 * g + 1, "Fixed", shape[0]), (2 * g + 2, "Coupled", shape[-1])):
-            points.append(f"{number} {kind} {' '.join(map(repr, place))} 0 0 0 0")
-        rows.append(f"{g + 1} cable{g} {2 * g + 1} {2 * g + 2} {float(guy.length)!r} {links} -")
-    text = INPUT.format(
-        types="\n".join(types), points="\n".join(points), lines="\n".join(rows), step=STEP, gravity=gravity
-    )
-    upper = shapes[:, -1].ravel().tolist()
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        Path("lines.txt").write_text(text)
-        model = md.Create("lines.txt")
-        md.SetVerbosity(model, md.LEVEL_ERR)
-        md.Init_NoIC(model, upper, [0.0] * len(upper))
-        lines = [md.GetLine(model, g + 1) for g in range(len(guys))]
-        state = bytes(md.Serialize(model))  # lines start from catenaries of their own
-        for line, shape in zip(lines, shapes, strict=True):
-            for j in range(1, links):
-                state = state.replace(struct.pack("<3d", *md.GetLineNodePos(line, j)), struct.pack("<3d", *shape[j]))
-        md.Deserialize(model, state)
-    places = np.array([[md.GetLineNodePos(line, j) for j in range(links + 1)] for line in lines])
-    if np.abs(places - shapes).max() > 1e-12:
-        raise RuntimeError("MoorDyn did not take the start")
-    return model, lines
 
 
 def compare(scene: xr.Dataset, links: int) -> list[list[str]]:

@@ -21,16 +21,14 @@ import contextlib
 import functools
 import importlib.metadata
 import os
-import struct
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _moordyn import Line, moordyn_of, nodes_of
 from numba import njit
 
 from benchmarks.peers.system import ABOVE, BELOW, System, jacobian_of, rates_of
@@ -309,37 +307,6 @@ def _exudyn_model(exu: Any, system: System) -> tuple[Any, list[Any], Any]:
     return mbs, sensors, container
 
 
-MOORDYN = """--- MoorDyn input file ---
-chain
---- LINE TYPES ---
-TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx
-(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)
-cable 0.01 {mass!r} {stiffness!r} 0 0 0 0 0 0
---- POINTS ---
-ID Attachment X Y Z M V CdA CA
-(#) (-) (m) (m) (m) (kg) (m^3) (m^2) (-)
-1 Fixed {lower[0]!r} 0 {lower[1]!r} 0 0 0 0
-2 Coupled {upper[0]!r} 0 {upper[1]!r} 0 0 0 0
---- LINES ---
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (#) (#) (m) (-) (-)
-1 cable 1 2 {length!r} {links} -
---- OPTIONS ---
-0 writeLog
-1 disableOutput
-RK4 tScheme
-{step!r} dtM
-0 WtrDnsty
-1000 WtrDpth
-{gravity!r} g
-0 dtIC
-0 TmaxIC
-0 kBot
-0 cBot
---- need this line ---
-"""  # without water the diameter plays no part
-
-
 def moordyn(step_size: float, call: float) -> Callable[..., Any]:
     """Prepare MoorDyn, RK4 with a step [s].
 
@@ -349,7 +316,7 @@ def moordyn(step_size: float, call: float) -> Callable[..., Any]:
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
         import moordyn as md
 
-        model, line = _moordyn_model(md, system, step_size)
+        model, line = _moordyn_model(system, step_size)
         y = float(system.start[-1, 1])
         grid = np.arange(round(times[-1] / call) + 1) * call
         x = system.start[-1, 0] + system.amplitude * (1.0 - np.cos(system.omega * grid))
@@ -362,7 +329,7 @@ def moordyn(step_size: float, call: float) -> Callable[..., Any]:
             for i in range(len(velocity)):
                 md.Step(model, [x[i], 0.0, y], [velocity[i], 0.0, 0.0], grid[i], call)
                 if i + 1 in save:
-                    positions.append(_nodes(md, line, system))
+                    positions.append(nodes_of(line, len(system.start))[:, [0, 2]])
             spent = time.perf_counter() - begin
             md.Close(model)
             result = np.array(positions)
@@ -374,34 +341,12 @@ def moordyn(step_size: float, call: float) -> Callable[..., Any]:
     return prepare
 
 
-def _nodes(md: Any, line: Any, system: System) -> np.ndarray:
-    return np.array([md.GetLineNodePos(line, j) for j in range(system.chain.links + 1)])[:, [0, 2]]
-
-
-def _moordyn_model(md: Any, system: System, step_size: float) -> tuple[Any, Any]:
+def _moordyn_model(system: System, step_size: float) -> tuple[Any, Any]:
     """Load the chain at its start; return system and line."""
-    p = system.chain.p
-    lower, upper = system.start[0].tolist(), system.start[-1].tolist()
-    text = MOORDYN.format(
-        mass=p.mass, stiffness=p.stiffness, lower=lower, upper=upper, length=system.chain.total_length,
-        links=system.chain.links, step=step_size, gravity=-float(p.weight[1]) / p.mass,
-    )  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "lines.txt"
-        path.write_text(text)
-        model = md.Create(str(path))
-        md.SetVerbosity(model, md.LEVEL_ERR)
-        md.Init_NoIC(model, [upper[0], 0.0, upper[1]], [0.0, 0.0, 0.0])
-        line = md.GetLine(model, 1)
-        state = bytearray(md.Serialize(model))
-        for j in range(1, system.chain.links):
-            own = struct.pack("<3d", *md.GetLineNodePos(line, j))
-            ours = struct.pack("<3d", system.start[j, 0], 0.0, system.start[j, 1])
-            state = state.replace(own, ours)
-        md.Deserialize(model, bytes(state))
-    if not np.array_equal(_nodes(md, line, system), system.start):
-        raise RuntimeError("MoorDyn did not take the start")
-    return model, line
+    p, (x, y) = system.chain.p, system.start.T
+    line = Line(np.stack([x, 0.0 * x, y], axis=1), p.mass, p.stiffness, system.chain.total_length, (1, 2))
+    model, (own,) = moordyn_of([line], [("Fixed", 0.0), ("Coupled", 0.0)], step_size, -float(p.weight[1]) / p.mass)
+    return model, own
 
 
 @contextlib.contextmanager

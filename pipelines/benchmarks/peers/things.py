@@ -17,11 +17,8 @@ the places of the particles and the middle of the uppermost link.
 
 from __future__ import annotations
 
-import struct
 import sys
-import tempfile
 import warnings
-from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +28,7 @@ if __name__ == "__main__":
 
 import numpy as np
 import xarray as xr
+from _moordyn import Line, moordyn_of, nodes_of
 from _study import command_line, markdown_table, percent, show_table
 
 import cablepod as cp
@@ -45,38 +43,6 @@ AMPLITUDE, OMEGA, RAMP = 0.1, 1.5, 3.0
 #: End of the run and interval of the output [s]; steps of MoorDyn, of its calls and of OpenSees [s].
 END, INTERVAL, STEP, CALL, NEWMARK = 10.0, 0.05, 2e-4, 1e-3, 2.5e-3
 SCENES = ("clump weight", "two segments", "damper")
-MOORDYN = """--- MoorDyn input file ---
-two lines that meet
---- LINE TYPES ---
-TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx
-(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)
-first 0.01 {first[1]!r} {first[0]!r} 0 0 0 0 0 0
-second 0.01 {second[1]!r} {second[0]!r} 0 0 0 0 0 0
---- POINTS ---
-ID Attachment X Y Z M V CdA CA
-(#) (-) (m) (m) (m) (kg) (m^3) (m^2) (-)
-1 Fixed {lower} 0 0 0 0
-2 Free {middle} {clump!r} 0 0 0
-3 Coupled {upper} 0 0 0 0
---- LINES ---
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (#) (#) (m) (-) (-)
-1 first 1 2 {lengths[0]!r} {numbers[0]} -
-2 second 2 3 {lengths[1]!r} {numbers[1]} -
---- OPTIONS ---
-0 writeLog
-1 disableOutput
-RK4 tScheme
-{step!r} dtM
-0 WtrDnsty
-1000 WtrDpth
-{gravity!r} g
-0 dtIC
-0 TmaxIC
-0 kBot
-0 cBot
---- need this line ---
-"""  # without water the diameter plays no part
 
 
 @dataclass(frozen=True)
@@ -158,35 +124,18 @@ def by_moordyn(cable: Hanging) -> np.ndarray:
 
     if cable.damper:
         raise RuntimeError("no damper to the ground")
-    numbers = (cable.at, cable.links - cable.at)
     place = np.stack([cable.start[:, 0], np.zeros(cable.links + 1), cable.start[:, 1]], axis=1)
-    text = MOORDYN.format(
-        first=ROPE, second=cable.second, clump=cable.clump, step=STEP, gravity=GRAVITY, numbers=numbers,
-        lengths=(PLACE * LENGTH, (1.0 - PLACE) * LENGTH),
-        **{name: " ".join(map(repr, place[k].tolist())) for name, k in (("lower", 0), ("middle", cable.at), ("upper", -1))},
-    )  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        Path("lines.txt").write_text(text)
-        model = md.Create("lines.txt")
-        md.SetVerbosity(model, md.LEVEL_ERR)
-        md.Init_NoIC(model, place[-1].tolist(), [0.0, 0.0, 0.0])
-        lines = [md.GetLine(model, 1), md.GetLine(model, 2)]
-        state = bytes(md.Serialize(model))  # lines start from catenaries of their own
-        for line, first, count in zip(lines, (0, cable.at), numbers, strict=True):
-            for j in range(1, count):
-                own = struct.pack("<3d", *md.GetLineNodePos(line, j))
-                state = state.replace(own, struct.pack("<3d", *place[first + j]))
-        md.Deserialize(model, state)
+    parts = [
+        Line(place[: cable.at + 1], ROPE[1], ROPE[0], PLACE * LENGTH, (1, 2)),
+        Line(place[cable.at :], cable.second[1], cable.second[0], (1.0 - PLACE) * LENGTH, (2, 3)),
+    ]
+    points = [("Fixed", 0.0), ("Free", cable.clump), ("Coupled", 0.0)]
+    model, lines = moordyn_of(parts, points, STEP, GRAVITY)
 
     def nodes() -> np.ndarray:
-        below, above = (
-            np.array([md.GetLineNodePos(line, j) for j in range(count + 1)])
-            for line, count in zip(lines, numbers, strict=True)
-        )
+        below, above = (nodes_of(line, len(part.nodes)) for line, part in zip(lines, parts, strict=True))
         return np.concatenate([below, above[1:]])[:, [0, 2]]
 
-    if np.abs(nodes() - cable.start).max() > 1e-12:
-        raise RuntimeError("MoorDyn did not take the start")
     grid, every = CALL * np.arange(round(END / CALL) + 1), round(INTERVAL / CALL)
     x = SPAN + upper(grid)
     velocity, found = np.diff(x) / CALL, [cable.start]
