@@ -42,7 +42,7 @@ def refuse_rest_in_wind() -> NoReturn:
 
 def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Return positions and tensions of a chain at rest under its loads and a given drag (n + 1, dims) [N]."""
-    from cablepod.chain import _kernels_law as kernel_law  # numba is imported only to compute
+    from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
 
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
@@ -56,7 +56,7 @@ def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray
             f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
         )
     secant = np.empty(tension.size)
-    kernel_law.secant_moduli(tension, stiffness, chain.green, secant)
+    kernel.secant_moduli(tension, stiffness, chain.green, secant)
     reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]

@@ -14,15 +14,6 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.integrate._kernels_assign import assign
-from cablepod.rigid._kernels_constraints import (
-    dimensions,
-    dot,
-    link_forces,
-    link_vectors,
-    project_positions,
-    project_velocities,
-    solve_tridiagonal,
-)
 from cablepod.rigid._kernels_layout import (
     ACCELERATION,
     BASE,
@@ -54,12 +45,19 @@ from cablepod.rigid._kernels_layout import (
 from cablepod.rigid._kernels_terms import (
     by_mass,
     copy_vectors,
+    dimensions,
+    dot,
     end_step,
     end_work,
     kinetic_energy,
+    link_forces,
+    link_vectors,
     load_accelerations,
+    project_positions,
+    project_velocities,
     save_state,
     set_ends,
+    solve_tridiagonal,
     update_extremes,
 )
 
