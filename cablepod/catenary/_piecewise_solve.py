@@ -171,15 +171,10 @@ def solve_pieces(p: Parameters, key: str, value: float, name: str) -> PiecewiseC
     search = _Search(p, key)
     if key == "unstretched_length":
         attachment_fractions(p, value)
-        return _of_length(search, value, name)
+        return between_ends(pieces_of(search.p, value), search.chord, value, name)
     catenary = _of_quantity(search, value, name)
     attachment_fractions(p, catenary.total)
     return catenary
-
-
-def _of_length(search: _Search, length: float, name: str) -> PiecewiseCatenary:
-    """Solve a cable of a length [m]."""
-    return between_ends(pieces_of(search.p, length), search.chord, length, name)
 
 
 def between_ends(pieces: Pieces, chord: np.ndarray, length: float, name: str) -> PiecewiseCatenary:

@@ -36,11 +36,6 @@ from cablepod.integrate._window import window_attributes
 POLYNOMIAL_COST, MIN_ROW_RATIO = 1.0, 2.0
 
 
-def _no_samples(steps_per_second: float) -> int:
-    """Interval of samples of a run without any."""
-    return 0
-
-
 @dataclass(frozen=True)
 class GalerkinRun(Run):
     """Galerkin model of a scene with one scheme, callable with the number of steps per second."""
@@ -51,7 +46,7 @@ class GalerkinRun(Run):
     modes: xr.Dataset
     scheme: str
     #: Steps between samples for the error estimate, by steps per second
-    sample_interval: Callable[[float], int] = _no_samples
+    sample_interval: Callable[[float], int] = lambda _: 0
     sampled: bool = False  #: whether runs have samples
 
     @property

@@ -65,11 +65,6 @@ class Forces:
         return anchor_forces(self.mast, self.run)
 
 
-def forces_of(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> Forces:
-    """Return the forces of a run; those of the elements only where an output needs them."""
-    return Forces(mast, run, shear=bool({"shear_force", "foot_force", ENVELOPES} & set(outputs)))
-
-
 def over_time(forces: Forces, outputs: tuple[str, ...]) -> dict[str, Any]:
     """Return the outputs over time that are asked for."""
     result: dict[str, Any] = {}

@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
 from cablepod.mast._beam import Beam
-from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, forces_of, over_time, spatial
+from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
@@ -149,7 +149,10 @@ def _values(
         variables["guy_position"] = (("time", "guy", "point", "coordinate"), run.guy_position[:n])
         coords["point"] = np.arange(run.guy_position.shape[2])
     if NEED_FORCES & set(outputs):
-        variables |= _forces(forces_of(mast, run, outputs), outputs, moved, guys)
+        shear = bool(
+            {"shear_force", "foot_force", ENVELOPES} & set(outputs)
+        )  # else those of the elements are not computed
+        variables |= _forces(Forces(mast, run, shear=shear), outputs, moved, guys)
         used = {dim for dims, _ in variables.values() for dim in dims}
         coords |= {name: value for name, value in nodes_of(mast.rest.beam).items() if name.split("_")[0] in used}
     if "extremes" in outputs and not run.status:

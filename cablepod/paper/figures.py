@@ -37,15 +37,12 @@ def figure4() -> Figure:
     plots.rest(exact, particles, ax=axes[0, 0])
     axes[0, 0].set_title("to different scales in x and y")
     right = axes[0, 1]
-    for run, style in ((exact, {"color": plots.COLOURS[3]}), (particles, _dots())):
+    dots = {"color": plots.COLOURS[0], "linestyle": "none", "marker": "o", "markersize": 3.5}
+    for run, style in ((exact, {"color": plots.COLOURS[3]}), (particles, dots)):
         right.plot(relative_arc_length(run), _sag(run), **style)
     right.set(xlabel=plots.SIGMA, ylabel="deflection normal to the chord [m]", title="its sag")
     right.grid(alpha=0.3)
     return figure
-
-
-def _dots() -> dict[str, object]:
-    return {"color": plots.COLOURS[0], "linestyle": "none", "marker": "o", "markersize": 3.5}
 
 
 def _sag(at_rest: xr.Dataset) -> np.ndarray:

@@ -82,7 +82,8 @@ def _example3(report: xr.Dataset) -> list[tuple[str, ...]]:
 
 
 def _figures(report: xr.Dataset) -> list[tuple[str, ...]]:
-    links = _nearest(report["rest_links"].values, 40)
+    counts = report["rest_links"].values
+    links = int(counts[np.abs(counts - 40).argmin()])
     gap = 1e3 * float(report["rest_gap"].sel(rest_links=links))
     rows: list[tuple[str, ...]] = [
         (
@@ -106,7 +107,3 @@ def _figures(report: xr.Dataset) -> list[tuple[str, ...]]:
             (what, "`cablepod paper`", f"reduced model {error:.2g} % of the motion from the chain", "judged similar")
         )
     return rows
-
-
-def _nearest(values: np.ndarray, wanted: int) -> int:
-    return int(values[np.abs(values - wanted).argmin()])

@@ -82,16 +82,12 @@ def _is_list(path: tuple[Any, ...]) -> bool:
 def _paths(tree: Mapping[Any, Any], above: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Yield the parts of the key path of each value of nested tables; tables that are empty or hold no names are values."""
     for key, value in tree.items():
-        parts = (*above, *(key.split(".") if isinstance(key, str) and not _is_text_of_ranges(above) else (key,)))
+        is_whole = above[:2] == ("ensemble", "ranges")  # keys there are key paths themselves
+        parts = (*above, *(key.split(".") if isinstance(key, str) and not is_whole else (key,)))
         if isinstance(value, Mapping) and value and len(parts) < MAX_PARTS:
             yield from _paths(value, parts)
         else:
             yield parts, value
-
-
-def _is_text_of_ranges(above: tuple[Any, ...]) -> bool:
-    """Tell whether keys below are key paths themselves."""
-    return above[:2] == ("ensemble", "ranges")
 
 
 def _place(tree: dict[Any, Any], parts: tuple[Any, ...], value: Any) -> None:

@@ -148,7 +148,8 @@ def design(
     with without_warnings():  # the storms have warned
         result = with_rest(result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
     if curve is not None:
-        result = with_damage(result, kind, shares, _duration(scene, window))
+        start, end = window or (0.0, float(scene["time_duration"]))
+        result = with_damage(result, kind, shares, end - start)
     result.attrs = {
         "title": f"{scene.attrs.get('title', 'scene')}: design", "stage": "design", "level": level,
         **({} if curve is None else {"slope": curve[0], "reference_range": curve[1]}),
@@ -320,8 +321,3 @@ def _unstacked(of_storms: xr.Dataset, axes: dict[str, np.ndarray]) -> xr.Dataset
     }
     given = [name for name in of_storms.coords if name in variables]
     return xr.Dataset(variables, coords=coords).set_coords(given)
-
-
-def _duration(scene: xr.Dataset, window: tuple[float, float] | None) -> float:
-    """Return the time of a storm that counts [s]."""
-    return float(scene["time_duration"]) if window is None else float(window[1]) - float(window[0])
