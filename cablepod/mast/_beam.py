@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +17,22 @@ GAUSS_POINTS = 4
 BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
 #: Directions of the displacement: x and z.
 DIRECTIONS = (0, 2)
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kept(method: F) -> F:
+    """Keep the results of a method in its object, by the arguments."""
+    name = f"_{method.__name__}_kept"
+
+    @wraps(method)
+    def of_arguments(self: Any, *arguments: Any) -> Any:
+        known = vars(self).setdefault(name, {})
+        if arguments not in known:
+            known[arguments] = method(self, *arguments)
+        return known[arguments]
+
+    return of_arguments  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +101,10 @@ class Beam:
         """Stiffness of the weight of the mast, of one direction."""
         return self._assembled(1, -self.compression(self._places, np.zeros(0), np.zeros(0)))
 
+    @kept
     def _of_pull(self, level: float) -> np.ndarray:
         """Return the stiffness of a pull of one at a height [m], of one direction."""
-        if level not in self._kept_pulls:
-            self._kept_pulls[level] = self._assembled(1, -1.0 * (level > self._places))
-        return self._kept_pulls[level]
-
-    @cached_property
-    def _kept_pulls(self) -> dict[float, np.ndarray]:
-        return {}
+        return self._assembled(1, -1.0 * (level > self._places))
 
     def compression(self, place: np.ndarray, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return the axial force at heights [m] within elements, positive in compression: weight and guys above [N]."""
@@ -118,17 +131,10 @@ class Beam:
             matrix[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += block
         return matrix[np.ix_(self.free, self.free)]
 
+    @kept
     def _shapes(self, derivative: int) -> np.ndarray:
         """Return a derivative of the shapes at the quadrature points (element, 4, point)."""
-        if derivative not in self._kept_shapes:
-            self._kept_shapes[derivative] = np.array(
-                [hermite(0.5 * (1.0 + _gauss()[0]), s, derivative) for s in self.length.tolist()]
-            )
-        return self._kept_shapes[derivative]
-
-    @cached_property
-    def _kept_shapes(self) -> dict[int, np.ndarray]:
-        return {}
+        return np.array([hermite(0.5 * (1.0 + _gauss()[0]), s, derivative) for s in self.length.tolist()])
 
     def _both(self, matrix: np.ndarray) -> np.ndarray:
         zero = np.zeros_like(matrix)
@@ -170,15 +176,10 @@ class Beam:
             total += float(pull[levels == level].sum()) * self.sections_of_pull(level)
         return total
 
+    @kept
     def sections_of_pull(self, level: float) -> np.ndarray:
         """Return what a downward pull of one at a height [m] adds to :meth:`section_rows`."""
-        if level not in self._kept_sections:
-            self._kept_sections[level] = self._sections(self._blocks(1, -1.0 * (level > self._places)))
-        return self._kept_sections[level]
-
-    @cached_property
-    def _kept_sections(self) -> dict[float, np.ndarray]:
-        return {}
+        return self._sections(self._blocks(1, -1.0 * (level > self._places)))
 
     @cached_property
     def _sections_without_guys(self) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
 from cablepod.mast._air import along_guys, steady_along_guys
+from cablepod.mast._beam import kept
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
 from cablepod.mast._condensed_lanes import Lanes
 from cablepod.mast._drive import Drive, drive_of
@@ -139,30 +140,23 @@ class CondensedGuys:
 
     # --- time stepping ------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def _schemes(self) -> dict[float, tuple[StepMatrices, np.ndarray]]:
-        return {}
-
+    @kept
     def scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
         """Return the matrices of the mast and the fitted factors of the guys."""
-        if step not in self._schemes:
-            mast, n, r2 = self.mast, len(self.mast.omega), 2 * self.rank
-            mass, total = self._about_rest
-            damping = mast.rest.p.mass_damping * mast.ends(self.end_mass)
-            omega = np.sqrt(np.maximum(np.diag(total)[n:], 0.0)).reshape(self.guys.count, r2)
-            matrices = mast.step_matrices(mass[:n, :n], total[:n, :n], damping, step)
-            self._schemes[step] = matrices, sinc_squared(omega * step)
-        return self._schemes[step]
+        mast, n, r2 = self.mast, len(self.mast.omega), 2 * self.rank
+        mass, total = self._about_rest
+        damping = mast.rest.p.mass_damping * mast.ends(self.end_mass)
+        omega = np.sqrt(np.maximum(np.diag(total)[n:], 0.0)).reshape(self.guys.count, r2)
+        return mast.step_matrices(mass[:n, :n], total[:n, :n], damping, step), sinc_squared(omega * step)
 
     @cached_property
     def _about_rest(self) -> tuple[np.ndarray, np.ndarray]:
         """Mass and stiffness of mast and guys in the modes of the mast and the coordinates of the guys."""
         return with_guys(self.mast.guy_rows, self.mast.mass, self.mast.stiffness, self.end_mass, self.tangents)
 
+    @kept
     def has_phases_below(self, step: float, limit: float) -> bool:
         """Tell whether all squared phases of a step are below a limit (stability: 4): limit M - step^2 K is positive definite."""
-        if (step, limit) in self._kept_phases:
-            return self._kept_phases[step, limit]
         matrices, fitted = self.scheme(step)
         n = len(self.mast.omega)
         scale = step * np.concatenate([np.ones(n), np.sqrt(fitted).ravel()])
@@ -171,15 +165,9 @@ class CondensedGuys:
         difference[:n, :n] += limit * (matrices.fitted_mass - mass[:n, :n])
         try:
             np.linalg.cholesky(difference)
-            below = True
         except np.linalg.LinAlgError:
-            below = False
-        self._kept_phases[step, limit] = below
-        return below
-
-    @cached_property
-    def _kept_phases(self) -> dict[tuple[float, float], bool]:
-        return {}
+            return False
+        return True
 
     @cached_property
     def highest_frequency(self) -> float:
