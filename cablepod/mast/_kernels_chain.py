@@ -66,6 +66,18 @@ def _fill_drag(x, v, particles, wind, place, g, drags):
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _note_attached(x, v, particles, numbers):
+    """Do :func:`note_attached` in a kernel of its own: the loops over links remain vectorised."""
+    note_attached(x, v, 0, particles, numbers)
+
+
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
+def _apply_attached(x, v, particles, numbers, per_mass, impulse, step):
+    """Do :func:`apply_attached` in a kernel of its own, as well."""
+    apply_attached(x, v, 0, particles, numbers, per_mass, impulse, step)
+
+
+@compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
 def _advance_chains(k, pace, chains, guys, mast, wind):
     """Fill the forces on the mast, advance the chains by a step; return status and guy."""
     step, forces, n = pace.step, chains.forces, chains.forces.shape[1]
@@ -74,13 +86,13 @@ def _advance_chains(k, pace, chains, guys, mast, wind):
     for g in range(guys.level.size):
         m, held = guys.level[g], k < guys.breaks[g]
         x, v, drags, particles = chains.x[g], chains.rates[g], chains.drags[g], chains.particles[g]
-        own = slice(chains.first[g], chains.first[g + 1])
-        attached, numbers = chains.attached[own], chains.numbers[own]
+        first, last = chains.first[g], chains.first[g + 1]
         if held:
             x[0, n], x[1, n], x[2, n] = mast.upper[2 * m], chains.heights[g] + mast.lowered[m], mast.upper[2 * m + 1]
             v[0, n], v[2, n] = mast.upper_rate[m, 0], mast.upper_rate[m, 1]
         _link_forces(x, v, chains.links[g], chains.viscosity, forces)
-        note_attached(x, v, 0, attached, numbers)
+        if last > first:
+            _note_attached(x, v, chains.attached[first:last], chains.numbers[first:last])
         if not held:
             forces[0, n - 1] = forces[1, n - 1] = forces[2, n - 1] = 0.0
         if wind is not None and k % wind.hold == 0:
@@ -104,8 +116,10 @@ def _advance_chains(k, pace, chains, guys, mast, wind):
                 total += abs(x[d, j])
             # on the mast: the upper link, and weight and drag of half a link
             guys.force[d, g] = -forces[d, n - 1] + drags[d, n] + chains.end_mass[g] * weight
-        if k > 0:  # at the start nothing moves
-            apply_attached(x, v, 0, attached, numbers, particles[PER_MASS], impulse, step)
+        if k > 0 and last > first:  # at the start nothing moves
+            _apply_attached(
+                x, v, chains.attached[first:last], chains.numbers[first:last], particles[PER_MASS], impulse, step
+            )
         if not total < np.inf:
             return DIVERGED, g
     return DONE, 0
