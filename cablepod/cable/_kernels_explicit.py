@@ -7,7 +7,7 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.cable._kernels_air import drag_forces
 from cablepod.cable._kernels_forces import _extremes, _nodal_forces
-from cablepod.chain._kernels_attached import apply_attached, note_attached
+from cablepod.chain._kernels_attached import apply_along, note_along
 from cablepod.integrate._kernels_assign import assign
 
 
@@ -168,7 +168,7 @@ def verlet(
         if low.size > 0:
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
         if particles is not None:
-            note_attached(x, v, first, particles, numbers)
+            note_along(x, v, first, particles, numbers)
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
             assign(saved[save], x)
@@ -180,7 +180,7 @@ def verlet(
                 _add_load(v[c], patterns[load, c], factors[i, load], per_mass)
             _update_position(x[c, first : first + m], v[c], step)
         if particles is not None:
-            apply_attached(x, v, first, particles, numbers, per_mass, 1.0, step)
+            apply_along(x, v, first, particles, numbers, per_mass, 1.0, step)
         for k in range(rows.size):
             x[rows[k], columns[k]] = ends[k, i + 1]
         if saving:

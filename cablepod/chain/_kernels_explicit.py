@@ -89,8 +89,6 @@ def _kick_and_drift(s, links, step, damping_factor, spatial):
 def _steps(s, spatial, shared, damping_factor, rates, attached, loads, ends, first, last):
     """Take the steps first ... last - 1 of the tables."""
     links, step = shared.links, shared.step
-    if attached is not None:
-        x, v, per_mass = s[X : X + 3], s[VX : VX + 3], s[PER_MASS]
     for i in range(first, last):
         if rates is not None:
             _predict_velocities(s, links, spatial)
@@ -111,10 +109,10 @@ def _steps(s, spatial, shared, damping_factor, rates, attached, loads, ends, fir
         if loads is not None:
             _load_increments(s, links, loads.patterns, loads.factors, i, spatial)
         if attached is not None:
-            note_attached(x, v, 0, attached.particles, attached.numbers)
+            note_attached(s, attached.particles, attached.numbers)
         _kick_and_drift(s, links, step, damping_factor, spatial)
         if attached is not None:
-            apply_attached(x, v, 0, attached.particles, attached.numbers, per_mass, 1.0, step)
+            apply_attached(s, attached.particles, attached.numbers, step)
         for m in range(ends.rows.size):
             s[ends.rows[m], ends.columns[m]] = ends.positions[m, i + 1]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.chain._kernels_attached import apply_attached, note_attached
+from cablepod.chain._kernels_attached import apply_along, note_along
 from cablepod.condensed._kernels_drag import _spatial_law
 from cablepod.mast._kernels_layout import BODY, DIVERGED, DONE, DRAG, INVERSE_LENGTH, LINK_STIFFNESS, PER_MASS, PLACE
 
@@ -67,14 +67,14 @@ def _fill_drag(x, v, particles, wind, place, g, drags):
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
 def _note_attached(x, v, particles, numbers):
-    """Do :func:`note_attached` in a kernel of its own: the loops over links remain vectorised."""
-    note_attached(x, v, 0, particles, numbers)
+    """Do :func:`note_along` in a kernel of its own: the loops over links remain vectorised."""
+    note_along(x, v, 0, particles, numbers)
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
 def _apply_attached(x, v, particles, numbers, per_mass, impulse, step):
-    """Do :func:`apply_attached` in a kernel of its own, as well."""
-    apply_attached(x, v, 0, particles, numbers, per_mass, impulse, step)
+    """Do :func:`apply_along` in a kernel of its own, as well."""
+    apply_along(x, v, 0, particles, numbers, per_mass, impulse, step)
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
