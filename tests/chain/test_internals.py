@@ -15,9 +15,8 @@ import cablepod as cp
 from cablepod.cable import _runs as cable_runs
 from cablepod.chain import _implicit as implicit
 from cablepod.chain import _kernels_banded as kernels_banded
-from cablepod.chain import _kernels_energy_momentum as kernel_energy_momentum
 from cablepod.chain import _kernels_explicit as kernel_explicit
-from cablepod.chain import _kernels_generalized_alpha as kernel_generalized_alpha
+from cablepod.chain import _kernels_implicit as kernel_implicit
 from cablepod.chain import _kernels_links as kernels_links
 from cablepod.chain import _kernels_rest as kernels_rest
 from cablepod.chain import _scheme as chain_scheme
@@ -31,7 +30,6 @@ from cablepod.integrate import _march as march
 from cablepod.parameters._from_scene import parameters
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
-KERNELS = {"energy_momentum": kernel_energy_momentum, "generalized_alpha": kernel_generalized_alpha}
 
 # --- solver and equations ---------------------------------------------------------------------------------------------
 
@@ -189,8 +187,7 @@ def test_excessive_energy_is_warned_of(soft, monkeypatch):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_failed_substeps_leave_the_state_unchanged(soft, monkeypatch, scheme):
-    name = "energy_momentum" if scheme == "energy_momentum" else "generalized_alpha"
-    plain = getattr(KERNELS[name], name)
+    plain = kernel_implicit.implicit
 
     def run(*, garble):
         tried = []
@@ -208,7 +205,7 @@ def test_failed_substeps_leave_the_state_unchanged(soft, monkeypatch, scheme):
                 return 2  # and its second piece of two
             return plain(*arguments)
 
-        monkeypatch.setattr(KERNELS[name], name, stubborn)
+        monkeypatch.setattr(kernel_implicit, "implicit", stubborn)
         result = cp.chain.simulate(pulled(soft), scheme=scheme, step=0.05, times=[0.0, 0.5, 1.0])
         assert len(tried) == result.attrs["steps_cut"] == 20
         return result
