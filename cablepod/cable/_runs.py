@@ -15,8 +15,8 @@ from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
 from cablepod.chain._lanes import ROUNDING
+from cablepod.discretisation._mass_damping import decay_and_impulse, half_step_back
 from cablepod.discretisation._modal_damping import NodalDamping
-from cablepod.discretisation._step_limit import damped_growth
 from cablepod.integrate._chain_run import Trajectory
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes, law_suffix, time_scale_attributes, trajectory_attributes
@@ -84,13 +84,11 @@ class ExplicitCableRun(ExplicitChainRun):
         total = int(instants.steps[-1]) + 1
         step = 1.0 / steps_per_second
         mass = mesh.mass[free]
-        damping_factor, per_mass = 1.0, step / mass
-        if p.mass_damping is not None:
-            damping_factor = math.exp(-p.mass_damping * step)
-            per_mass = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
+        damping_factor, impulse = decay_and_impulse(p.mass_damping or 0.0, step)
+        per_mass = impulse / mass
         x = np.ascontiguousarray(self.initial.T)
-        half_step = 0.5 * step if p.mass_damping is None else damped_growth(p.mass_damping, step) / p.mass_damping
-        v = np.ascontiguousarray((-half_step * self.first_force()[free] / mass[:, None]).T)
+        back = half_step_back(p.mass_damping or 0.0, step)[1]
+        v = np.ascontiguousarray((back * self.first_force()[free] / mass[:, None]).T)
         # so that the predicted velocity 1.5 v - 0.5 v_before is zero at the start
         v_before = 3.0 * v if p.link_viscosity is not None or p.tension_damping is not None else None
         needs_rates = v_before is not None or self.air is not None

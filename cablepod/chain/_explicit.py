@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
@@ -11,7 +10,7 @@ import numpy as np
 
 from cablepod.chain import _kernels_layout as layout
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.discretisation._step_limit import damped_growth
+from cablepod.discretisation._mass_damping import decay_and_impulse, half_step_back
 from cablepod.errors import RunStopped
 from cablepod.integrate._chain_run import ChainRun, Trajectory
 from cablepod.integrate._march import advance_in_blocks
@@ -110,18 +109,15 @@ class ExplicitChainRun(ChainRun):
             slice(chain.links + 1),
         )
         mass = chain.mass[free]
-        damping_factor, half = 1.0, 0.5 * step
-        state[layout.PER_MASS, free] = step / mass
-        if p.mass_damping is not None:
-            damping_factor = math.exp(-p.mass_damping * step)
-            half = damped_growth(p.mass_damping, step) / p.mass_damping
-            state[layout.PER_MASS, free] = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
+        damping_factor, impulse = decay_and_impulse(p.mass_damping or 0.0, step)
+        back = half_step_back(p.mass_damping or 0.0, step)[1]
+        state[layout.PER_MASS, free] = impulse / mass
         per_mass = state[layout.PER_MASS, particles]
         varying = chain.time_dependent_loads()
         force, loads = self.first_force(), chain.loads()
         for c in range(p.dims):
             state[layout.X + c, particles] = self.initial[:, c]
-            state[layout.VX + c, free] = -half * force[free, c] / mass
+            state[layout.VX + c, free] = back * force[free, c] / mass
             state[(layout.STEADY_X if varying else layout.LOAD_X) + c, particles] = per_mass * loads[:, c]
             if self.air is not None:
                 state[layout.BASE_X + c, particles] = per_mass * loads[:, c]

@@ -25,6 +25,7 @@ from cablepod.condensed._output import attributes_of, labels_of, places_of, shar
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import normals_at_start
+from cablepod.discretisation._mass_damping import decay_and_impulse
 from cablepod.discretisation._step_limit import largest_frequencies_squared
 from cablepod.errors import SceneError
 from cablepod.integrate._output_times import OutputTimes
@@ -230,10 +231,8 @@ class MemberCoefficients:
             rates = parameters.end_positions(start, 1)
             moved = self._projected(everyone, ends, rates, np.zeros_like(self.load))[:, 0, 1 + size :]
             v = (moved[:, None] @ self.terms.load_projection.reshape(*moved.shape, -1))[:, 0]
-        growth = np.expm1(0.5 * parameters.damping * step)
-        damping = np.where(parameters.damping == 0.0, 1.0, parameters.damping)
-        impulse = np.where(parameters.damping == 0.0, 0.5 * step, growth / damping)
-        return q, v * (1.0 + growth)[:, None] - impulse[:, None] * f, limit, chord_tension
+        factor, back = decay_and_impulse(parameters.damping, -0.5 * step)
+        return q, factor[:, None] * v + back[:, None] * f, limit, chord_tension
 
     def rows_at(self, part: np.ndarray, times: np.ndarray, *, moving: bool) -> np.ndarray:
         """Return the boundary data of members at times [s] (members, times, columns); if not `moving`, of ends at rest."""

@@ -17,7 +17,7 @@ from cablepod.condensed._kernels_layout import (
     RunAir,
     initial_monitor,
 )
-from cablepod.discretisation._step_limit import damped_growth
+from cablepod.discretisation._mass_damping import decay_and_impulse, half_step_back
 from cablepod.integrate._march import BLOCK
 
 if TYPE_CHECKING:
@@ -135,9 +135,8 @@ class CondensedStepper:
                 model.accelerations(damped, start.q, rates) if model.inertia.size else damped
             )
         if self.run.explicit:
-            growth = damped_growth(damping, self.step)
-            impulse_back = 0.5 * self.step if not damping else growth / damping
-            rates = start.rates * (1.0 + growth) - impulse_back * acceleration
+            factor, back = half_step_back(damping, self.step)
+            rates = factor * start.rates + back * acceleration
         return np.array([start.q, rates, acceleration - damping * start.rates])
 
     def _terms_of_rates(self) -> tuple[RateTerms | None, RunAir | None]:
@@ -234,6 +233,4 @@ def damped_step(damping: np.ndarray, step: float, scheme: str) -> Damped:
     """Return step [s] and damping (r lanes,) [1/s] as an explicit scheme needs them."""
     if scheme == FOURTH_ORDER:
         return Damped(step, damping, np.exp(-0.5 * damping * step), np.exp(0.5 * damping * step))
-    is_damped = damping != 0.0
-    impulse = np.where(is_damped, -np.expm1(-damping * step) / np.where(is_damped, damping, 1.0), step)
-    return Damped(step, damping, np.exp(-damping * step), impulse)
+    return Damped(step, damping, *decay_and_impulse(damping, step))

@@ -1,26 +1,10 @@
-"""Limits of explicit steps: highest frequency of a chain, largest stable step of velocity Verlet, damping at the start."""
+"""Limits of explicit steps: highest frequency of a chain, largest stable step of velocity Verlet."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-
-from cablepod.errors import SceneError
-
-#: Maximum of damping times an explicit step: the velocity half a step before the start grows by exp(c h / 2), and its square must
-#: stay finite.
-MAX_DAMPING_EXPONENT = 600.0
-
-
-def damped_growth(damping: float, step: float) -> float:
-    """Return exp(c h / 2) - 1, the relative growth of a velocity traced back over half a step [s] against damping c [1/s]."""
-    if damping * step > MAX_DAMPING_EXPONENT:
-        raise SceneError(
-            f"damping.mass_proportional: given {damping:g}; allowed: at most {MAX_DAMPING_EXPONENT / step:.4g} 1/s with explicit "
-            f"steps of {step:.4g} s; an implicit scheme, or a shorter step, takes more"
-        )
-    return math.expm1(0.5 * damping * step)
 
 
 def highest_axial_frequency(

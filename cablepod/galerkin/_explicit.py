@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablepod.discretisation._step_limit import damped_growth
+from cablepod.discretisation._mass_damping import decay_and_impulse, half_step_back
 from cablepod.errors import RunStopped
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
@@ -90,20 +90,18 @@ class ExplicitGalerkinRun(GalerkinRun):
 
         model, damping, steps_per_second = self.model, self.damping, record.instants.steps_per_second
         step = 1.0 / steps_per_second
-        damping_factor = math.exp(-damping * step)
-        impulse_time = -math.expm1(-damping * step) / damping if damping else step
+        damping_factor, impulse_time = decay_and_impulse(damping, step)
         law, (polynomial_form, link_form) = self.law, self.tables
         gram, linear = model.gram_form if law == 0 else (np.zeros((0, 0)), np.zeros(0))
         filtered = None if (step_filter := self.filter(step)) is None else step_filter.factor
         p, account = self.p0.copy(), np.zeros(3)
-        half_step = damped_growth(damping, step) / damping if damping else 0.5 * step
         # half a step before the start, at which the cable is at rest
         if self.q0 is model.initial:
             gradient = model.initial_gradient
         else:
             gradient = model.gradient(np.concatenate([self.q0, self.start_displacements]))[0]
         force = model.loads_at_steps(0, 0, steps_per_second)[0] - gradient
-        velocity = -half_step * (force if filtered is None else filtered @ force)
+        velocity = half_step_back(damping, step)[1] * (force if filtered is None else filtered @ force)
 
         def advance(begin: int, steps: int) -> bool:
             save_steps, saved, energy = record.targets(begin, begin + steps)

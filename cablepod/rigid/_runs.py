@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.discretisation._chain import square
+from cablepod.discretisation._mass_damping import decay_and_impulse
 from cablepod.errors import SceneError
 from cablepod.integrate._chain_run import Trajectory
 from cablepod.integrate._march import cut_step, not_converged
@@ -236,10 +237,7 @@ class RigidStepper:
         last = (self.wants_extremes, steps, number, save, saved, self.counts)
         if run.formulation == "rattle":
             time = (number + np.arange(steps + 1) / substeps) / steps_per_second
-            half, decay = 0.5 * step, 1.0
-            if self.damping:
-                decay = math.exp(-0.5 * self.damping * step)
-                half = -math.expm1(-0.5 * self.damping * step) / self.damping
+            decay, half = decay_and_impulse(self.damping, 0.5 * step)
             done, self.status = self.kernel.rattle(
                 *head, *self._tables(time), step, half, decay, self.damping, self._length_rounding(time), *last
             )
