@@ -16,7 +16,7 @@ from cablepod.cable._mesh import mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import element_count
 from cablepod.cable._start import converged_equilibrium
-from cablepod.catenary._sag import sag_of_scene
+from cablepod.catenary._sag import irvine_parameter, sag_of_scene
 from cablepod.catenary._statics import load_plane, piecewise_statics
 from cablepod.chain._summary import numbers_at_rest, numbers_of_chain
 from cablepod.conventions import AIR_OF_EACH, ENDINGS_OF_AIR, STILL_AIR, label, names_in_air
@@ -320,7 +320,7 @@ def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
         p, chord, mesh.largest_of_segments(tension), float(np.sqrt(square(off - (off @ along)[:, None] * along)).max()),
         stretched_length=float(mesh.length @ stretch), tension_lower=float(tension[0]), tension_upper=float(tension[-1]),
         horizontal_force=float(np.linalg.norm(normal_to_load)),
-        irvine_parameter=(float(np.linalg.norm(transverse)) * length / mean) ** 2 * p.stiffness / mean,
+        irvine_parameter=irvine_parameter(float(np.linalg.norm(transverse)), length, mean, p.stiffness),
         sag_below_chord=float(((off - share[:, None] * reach) @ down).max()),
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,19 @@ SMALL_TURN = 0.5
 SMALL_LOAD = 0.4
 #: Denominators of the series of sinh(turn) - turn, from the last one.
 SERIES = (210.0, 156.0, 110.0, 72.0, 42.0, 20.0)
+
+
+def irvine_parameter(normal_load: Any, length: Any, tension: Any, stiffness: Any) -> Any:
+    """Return Irvine's lambda squared (q_n L0 / T)^2 K / T: softening of a taut cable by its sag; arguments of any shapes.
+
+    Parameters
+    ----------
+    normal_load
+        Load per unstretched length normal to the chord [N/m].
+    length, tension, stiffness
+        Unstretched length [m], mean tension [N], axial stiffness [N].
+    """
+    return (normal_load * length / tension) ** 2 * stiffness / tension
 
 
 def sag_of(plane: Sequence[float], stiffness: float, statics: Sequence[float]) -> float:

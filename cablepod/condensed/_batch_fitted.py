@@ -40,6 +40,7 @@ from cablepod.condensed._runs import (
     whole_steps_per_second,
 )
 from cablepod.condensed._stepper import FOURTH_ORDER
+from cablepod.discretisation._lifting import line_between
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._refinement import MAX_WORK, economical_error
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
@@ -353,14 +354,13 @@ def _initial_error_rates(
     if not rates.any():
         return result
     unit, q_rates = runs.batch.plan.unit, np.zeros((len(rates), change.shape[2]))
-    sigma = unit.chain.arc_length
     mass = (runs.mass * runs.total)[:, None, None] * unit.chain.tributary_length
     sets = (slice(enriched_in_plane), slice(enriched_in_plane, None))
     for k, (which, enriched) in enumerate(zip(unit.sets, sets, strict=False)):
-        ends = -(rates @ runs.normals[:, k, :, None])  # (members, end, 1)
-        deflection = ends[:, 0] * (1.0 - sigma) + ends[:, 1] * sigma
+        ends = -(rates @ runs.normals[:, k, :, None])
+        deflection = line_between(ends, unit.chain.arc_length)  # (members, particle, 1)
         shapes = runs.shapes[:, which]
-        momenta = (shapes * mass) @ deflection[:, :, None]
+        momenta = (shapes * mass) @ deflection
         q_rates[:, which] = np.linalg.solve((shapes * mass) @ np.swapaxes(shapes, 1, 2), momenta)[:, :, 0]
-        result[:, enriched] = (projection[:, enriched] @ deflection[:, :, None])[:, :, 0]
+        result[:, enriched] = (projection[:, enriched] @ deflection)[:, :, 0]
     return result - (change @ q_rates[:, :, None])[:, :, 0]

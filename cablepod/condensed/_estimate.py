@@ -17,6 +17,7 @@ from cablepod.condensed._estimate_neglected import Neglected, waves
 from cablepod.condensed._fields import CondensedTrajectory, close_chord, running_sum
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._lifting import line_between
 
 #: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the
 #: exact closure on all links, and their residual is taken there.
@@ -195,8 +196,7 @@ def _motion_of_particles(model: CondensedModel, q: np.ndarray, ends: np.ndarray 
     normals = ChordFrame.of((initial[1] - initial[0])[None], model.reference).normals[0]
     moved = np.zeros((len(q), chain.links + 1, chain.p.dims))
     if ends is not None:
-        sigma, displaced = (chain.arc_length / chain.total_length)[:, None], ends - ends[:1]
-        moved += (1.0 - sigma) * displaced[:, :1] + sigma * displaced[:, 1:]
+        moved += line_between(ends - ends[:1], chain.arc_length / chain.total_length)
     for which, normal in zip(model.sets, normals, strict=True):
         moved += ((q - q[:1])[:, which] @ model.shapes[which])[:, :, None] * normal
     squares = (moved * moved).sum(axis=2) @ chain.tributary_length / chain.total_length

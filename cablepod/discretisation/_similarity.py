@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.catenary._sag import irvine_parameter
 from cablepod.catenary._statics import solve_statics
 from cablepod.conventions import FEATURES
 from cablepod.parameters._parameters import Parameters
@@ -55,7 +56,7 @@ def features(p: Parameters, length: Any, end_time: float, tension: Any = None) -
         other_loads += float(np.linalg.norm(p.load)) * length * float(np.abs(factor - factor[0]).max())
     return np.stack(
         [
-            (np.sqrt(_dot(normal, normal)) * length / tension) ** 2 * p.stiffness / tension,
+            irvine_parameter(np.sqrt(_dot(normal, normal)), length, tension, p.stiffness),
             abs(tangential) * length / tension,
             chord_change * p.stiffness / (tension * length),
             p.mass * length * acceleration / tension,

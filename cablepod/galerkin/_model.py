@@ -14,6 +14,7 @@ from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._laws import green_secant
+from cablepod.discretisation._lifting import line_between, weights_of_ends
 from cablepod.parameters._time_functions import TimeFunction
 
 #: Number of instants whose mean is the mean of ends and loads.
@@ -77,14 +78,13 @@ class GalerkinModel:
         """Lifting fields of the displacements of the ends (moving, particle, dims)."""
         result = np.zeros((len(self.moving), self.sigma.size, self.chain.p.dims))
         for lift, (end, axis) in zip(result, self.moving, strict=True):
-            lift[:, COORDINATES.index(axis)] = self.sigma if end == ENDS[1] else 1.0 - self.sigma
+            lift[:, COORDINATES.index(axis)] = weights_of_ends(self.sigma)[ENDS.index(end)]
         return result
 
     @cached_property
     def shape(self) -> np.ndarray:
         """Positions in the mean shape between the undisplaced ends (particle, dims) [m]."""
-        s = self.sigma[:, None]
-        return (1.0 - s) * self.chain.p.lower + s * self.chain.p.upper + self.mean
+        return line_between(np.array([self.chain.p.lower, self.chain.p.upper]), self.sigma) + self.mean
 
     @cached_property
     def coupling(self) -> np.ndarray:
@@ -334,7 +334,7 @@ class GalerkinModel:
         dims = self.chain.p.dims
         lines = np.zeros((2, dims, self.sigma.size, dims))
         for c in range(dims):
-            lines[0, c, :, c], lines[1, c, :, c] = 1.0 - self.sigma, self.sigma
+            lines[:, c, :, c] = weights_of_ends(self.sigma)
         return np.concatenate([self.fields.reshape(len(self.modes), -1), lines.reshape(2 * dims, -1)])
 
     def velocities(self, rates: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cablepod.batch._members import inside_members
+from cablepod.catenary._sag import irvine_parameter
 from cablepod.catenary._statics import solve_statics
 from cablepod.discretisation._chain import square
 from cablepod.errors import CoarseWarning, SceneError, user_stacklevel
@@ -174,7 +175,7 @@ def _sag(p: Parameters, length: float, tension: float, end_time: float) -> float
     sag = normal * length**2 / (8.0 * tension)
     if sag == 0.0:
         return 0.0
-    irvine = (normal * length / tension) ** 2 * p.stiffness / tension
+    irvine = irvine_parameter(normal, length, tension, p.stiffness)
     sag_by_length = PARABOLA * 3.0 * chord / (16.0 * sag) * irvine / (irvine + 12.0)
     moved = math.sqrt(float(square(ends - ends[0]).max()))
     motion = math.hypot(LINE * moved, sag_by_length * float(np.abs(chords - chord).max()))

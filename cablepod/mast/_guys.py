@@ -12,6 +12,7 @@ from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
 from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
 from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
 from cablepod.condensed._host import _gauss, static_stiffness
+from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
 from cablepod.parameters._guys import Guy
 from cablepod.parameters._mast import MastParameters
@@ -249,7 +250,7 @@ def _uniform_in_wind(
         size = np.sqrt((normal * normal).sum(axis=1)) * stretched * (drag / statics.lengths)[:, None]
         drags = size[:, None] * normal
         loads = 6.0 * np.trapezoid(sigma * (1.0 - sigma) * drags, sigma, axis=2)
-        shares = np.stack([1.0 - sigma, sigma])[:, None]
+        shares = weights_of_ends(sigma)[:, None]
         rest = np.trapezoid(shares * (drags - loads[..., None])[:, None], sigma, axis=3)
         guys = [
             replace(guy, p=replace(guy.p, load=load), reactions=guy.length * reactions)

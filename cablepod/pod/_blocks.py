@@ -13,6 +13,7 @@ import xarray as xr
 
 from cablepod._inputs import floats
 from cablepod._resources import check_sigint, defer_sigint, wait_for_any
+from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.pod import _normal as pod_normal
 
 #: Maximum bytes of chunks read in one call, and of a chunk read ahead while the previous one is in use.
@@ -159,7 +160,7 @@ def read_rows(
     """
     samples, particles, dims = position.shape
     inner = particles - 2
-    lines = np.stack([1.0 - sigma[1:-1], sigma[1:-1]])
+    lines = weights_of_ends(sigma[1:-1])
     step = max(64, CACHE_BYTES // (8 * inner * (dims if layout == "vector" else 1)))
     for start in range(0, samples, step):
         part = position[start : start + step]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from cablepod import provenance
 from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, MOTION, ROUNDING, TIMED, floats, taken
 from cablepod.conventions import label, shared_coordinates
+from cablepod.discretisation._lifting import line_between
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.pod import _normal as pod_normal
@@ -194,9 +195,7 @@ def compose(
     amplitude: np.ndarray, ends: np.ndarray, fields: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> np.ndarray:
     """Return positions (time, particle, coordinate) [m] of amplitudes (time, modes), ends (time, 2, coordinate) and modes."""
-    s = sigma[None, :, None]
-    position = (1.0 - s) * ends[:, :1] + s * ends[:, 1:] + mean
-    position = position + np.tensordot(amplitude, fields, axes=1)
+    position = line_between(ends, sigma) + mean + np.tensordot(amplitude, fields, axes=1)
     # exact ends, without rounding errors of sigma
     position[:, 0], position[:, -1] = ends[:, 0], ends[:, 1]
     return position

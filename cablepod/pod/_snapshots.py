@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ROUNDING, floats
+from cablepod.discretisation._lifting import line_between
 from cablepod.errors import SceneError
 from cablepod.pod._blocks import read_blocks
 
@@ -191,6 +192,5 @@ def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
     """
     position = positions(snapshots)
-    sigma = relative_arc_length(snapshots)[None, :, None]
     ends = position[:, (0, -1)]
-    return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
+    return position - line_between(ends, relative_arc_length(snapshots)), ends
