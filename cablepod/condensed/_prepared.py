@@ -18,6 +18,7 @@ from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_step
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.parameters._from_scene import parameters as parameters_of
+from cablepod.parameters._ice import ice_thickness
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._warnings import warn_of_unusual
@@ -120,8 +121,8 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error(p.point_loads[0].key, "a point load", "uniform loads only; try: condensed.simulate")
     if p.load_factor is not None:
         raise scene_error("load.kind", p.load_factor.kind, "steady uniform loads only; try: condensed.simulate")
-    if p.bare is not None and p.diameter != p.bare.diameter:
-        raise scene_error("ice.thickness", 0.5 * (p.diameter - p.bare.diameter), "0 m; try: condensed.simulate")
+    if ice_thickness(p):
+        raise scene_error("ice.thickness", ice_thickness(p), "0 m; try: condensed.simulate")
     if p.tension_damping is not None:
         raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")
     refuse_damping_ratios(p, "condensed.simulate, or damping.mass_proportional")

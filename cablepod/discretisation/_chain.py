@@ -20,6 +20,7 @@ from cablepod.discretisation._nonuniform import (
 from cablepod.discretisation._step_limit import highest_axial_frequency, verlet_step_limit
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
+from cablepod.parameters._ice import mass_of_ice
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._particles import lengths_of_links, tributary_lengths
 from cablepod.parameters._time_functions import TimeFunction
@@ -88,8 +89,7 @@ class LumpedChain:
         p = self.p
         if p.masses is None:
             return self._of_particles("mass")
-        ice = 0.0 if p.bare is None else p.mass - p.bare.mass / p.expansion  # per unstretched length
-        return p.masses + ice * self.tributary_length
+        return p.masses + mass_of_ice(p) * self.tributary_length
 
     @property
     def own_masses(self) -> np.ndarray | None:

@@ -15,9 +15,9 @@ from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._checks import choice
 from cablepod.parameters._given import both_ends, check_start, cross_section
+from cablepod.parameters._ice import iced
 from cablepod.parameters._key_paths import motion_path, value_at
 from cablepod.parameters._keys import (
-    ICE,
     INITIAL,
     LENGTH_KEYS,
     POINT_LOAD,
@@ -28,7 +28,7 @@ from cablepod.parameters._keys import (
 from cablepod.parameters._nonuniform import NONUNIFORM, with_segments_and_attachments
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._particles import check_links, check_own, number_of_links, with_means
-from cablepod.parameters._scene_values import check_values, listed, of_keys, tables_of, whole
+from cablepod.parameters._scene_values import check_values, listed, of_keys, tables_of
 from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of, temperatures_of
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.parameters._wind import turbulence_of, wind_of
@@ -238,7 +238,7 @@ def cable_of(tables: Mapping[str, Any], number: Callable[[Any], Any] = float, pa
     )
     if base.wind is not None and base.diameter is None:
         raise SceneError(f"{paths.cable}.diameter: missing; allowed: a diameter [m], on which the wind acts")
-    uniform = _in_scene(base, tables, cable, paths.cable, number)
+    uniform = iced(expanded(base, expansion_of(tables, cable, paths.cable, number)), tables, paths.cable, number)
     if not any(name in tables for name in NONUNIFORM):
         return uniform
     if uniform.own_keys:
@@ -246,7 +246,7 @@ def cable_of(tables: Mapping[str, Any], number: Callable[[Any], Any] = float, pa
 
     def of_part(own: Mapping[str, Any], path: str) -> Parameters:
         part = replace(base, **_section(own, {}, gravity, lower, None, path, number))
-        return _in_scene(part, tables, own, path, number)
+        return iced(expanded(part, expansion_of(tables, own, path, number)), tables, path, number)
 
     return with_segments_and_attachments(uniform, tables, of_part, paths.above)
 
@@ -275,30 +275,6 @@ def _downward(weight: Any, like: np.ndarray) -> np.ndarray:
     vector = np.zeros(like.shape)
     vector[..., 1] = -weight
     return vector
-
-
-def _in_scene(
-    p: Parameters, tables: Mapping[str, Any], cable: Mapping[str, Any], path: str, number: Callable[[Any], Any]
-) -> Parameters:
-    """Return a cable at the temperature of its scene and with its ice; `path` is that of its table."""
-    p = expanded(p, expansion_of(tables, cable, path, number))
-    ice = whole("ice", tables.get("ice", {}), ICE)
-    if not ice:
-        return p
-    if p.diameter is None:
-        raise SceneError(f"{path}.diameter: missing; allowed: a diameter [m], on which the ice grows")
-    thickness = number(ice["thickness"])
-    if not np.any(thickness):
-        return p
-    mass = ice_mass(number(ice["density"]), thickness, p.diameter)
-    weight = p.weight.copy()
-    weight[..., 1] -= mass * number(tables["gravity"])
-    return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p.bare or p)
-
-
-def ice_mass(density: Any, thickness: Any, diameter: Any) -> Any:
-    """Return the mass per length of a round coat of ice on a diameter [kg/m]."""
-    return density * np.pi * thickness * (diameter + thickness)
 
 
 def refuse_missing(path: str, table: Mapping[str, Any], needed: Iterable[str]) -> None:

@@ -15,12 +15,12 @@ from cablepod.parameters._checks import plain
 from cablepod.parameters._from_scene import (
     SceneContent,
     damping_ratios,
-    ice_mass,
     is_gap,
     refuse_missing,
     time_function,
 )
 from cablepod.parameters._guys import Guy, check_level, guys_of
+from cablepod.parameters._ice import coat_section
 from cablepod.parameters._keys import ICE
 from cablepod.parameters._mast_keys import MAST, MAST_LOAD
 from cablepod.parameters._parameters import count_instants
@@ -238,5 +238,5 @@ def _section(table: Mapping[str, Any], ice: Mapping[str, Any], expansion: float)
             "mast.diameter: missing; allowed: a diameter [m] of the mast, or of the members of its lattice, on which ice grows"
         )
     diameter = float(table["diameter"])
-    mass += float(table.get("member_length", 1.0)) * ice_mass(float(ice["density"]), thickness, diameter)
+    mass += float(table.get("member_length", 1.0)) * float(ice["density"]) * coat_section(thickness, diameter)
     return [stiffness, mass, drag_area * (1.0 + 2.0 * thickness / diameter)]

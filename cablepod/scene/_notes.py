@@ -14,6 +14,7 @@ import numpy as np
 
 from cablepod.catenary._statics import solve_statics
 from cablepod.errors import SceneError
+from cablepod.parameters._ice import coat_section, ice_thickness, mass_of_ice
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
@@ -155,7 +156,7 @@ def notes_of(p: Parameters, tension: float | None = None) -> tuple[Note, ...]:
     SceneError
         If the scene has no equilibrium.
     """
-    return *_notes_of_units(p, tension), *worst_first(notes_of_tables(p, _mass_of_ice(p)))
+    return *_notes_of_units(p, tension), *worst_first(notes_of_tables(p))
 
 
 def worst_first(notes: Iterable[Note]) -> list[Note]:
@@ -191,7 +192,7 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
         diameter = float(_given_diameter(p))
         what = f"a diameter of {diameter:.3g} m over that of a solid cross-section of the same area, a ratio"
         yield from outside("cable.diameter", what, diameter / numbers.diameter, DIAMETER_OVER_SOLID, "")
-        yield from outside("ice.thickness", "ice", _ice(p), (0.0, LARGEST_ICE), "m")
+        yield from outside("ice.thickness", "ice", ice_thickness(p), (0.0, LARGEST_ICE), "m")
         if p.area is None and p.masses is None:
             what, section = "a density of the section of the diameter", 0.25 * math.pi * diameter**2
             yield from outside(f"cable.{p.weight_key}", what, mass / section, DENSITY_OF_DIAMETER, "kg/m3")
@@ -248,7 +249,7 @@ def likely_keys(p: Parameters) -> list[tuple[str, str]]:
     keys = [*(["area"] if p.area is not None else []), *([p.stiffness_key] if p.link_stiffness is None else [])]
     keys += [*([p.weight_key] if p.masses is None else []), p.length_key, "ends"]
     keys += ["inclination"] if p.inclination is not None and abs(p.inclination) <= LARGEST_RADIANS else []
-    keys += ["ice"] if _ice(p) else []
+    keys += ["ice"] if ice_thickness(p) else []
     keys += ["gravity"] if p.weight_key != "specific_weight" else []
     keys += ["motion"] if p.motions else []
     keys += ["load"] if p.load is not None else []
@@ -274,12 +275,12 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
     elif key in WEIGHT_KEYS:
         changes = {"mass": p.mass * factor, "weight": p.weight * factor}
     elif key in ("diameter", "ice"):
-        given, ice = _given_diameter(p), _ice(p)
+        given, ice = _given_diameter(p), float(ice_thickness(p))
         scaled = {"diameter": given, "ice": ice} | {key: factor * (given if key == "diameter" else ice)}
         mass = p.mass
         if ice:  # a coat has the mass of its section
-            section = scaled["ice"] * (scaled["diameter"] + scaled["ice"])
-            mass += _mass_of_ice(p) * (section / (ice * (given + ice)) - 1.0)
+            growth = coat_section(scaled["ice"], scaled["diameter"]) / coat_section(ice, given)
+            mass += mass_of_ice(p) * (growth - 1.0)
         diameter = scaled["diameter"] + 2.0 * scaled["ice"]
         changes = {"diameter": diameter, "mass": mass, "weight": p.weight * (mass / p.mass)}
     elif key == "ends" and p.inclination is None:
@@ -299,16 +300,6 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
     if p.bare is not None:
         changes["bare"] = p.bare if key == "ice" else _scaled(p.bare, key, factor)
     return replace(p, **changes)
-
-
-def _ice(p: Parameters) -> float:
-    """Return the thickness of the ice [m]."""
-    return 0.0 if p.bare is None or p.diameter is None else 0.5 * float(p.diameter - p.bare.diameter)
-
-
-def _mass_of_ice(p: Parameters) -> Any:
-    """Return the mass per length of the ice on a cable that was tensioned without it [kg/m]."""
-    return 0.0 if p.bare is None else p.mass - p.bare.mass / p.expansion
 
 
 def _scaled_function(function: TimeFunction, factor: float) -> TimeFunction:
@@ -342,7 +333,7 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
         "breaking_strength": scaled.breaking_strength,
         "diameter": _given_diameter(scaled),
         "gravity": math.hypot(*scaled.weight) / scaled.mass,
-        "ice": _ice(scaled),
+        "ice": float(ice_thickness(scaled)),
         "inclination": scaled.inclination,
     }
     if key == "ends" and scaled.inclination is not None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from cablepod.parameters._ice import coat_section, ice_thickness, mass_of_ice
 from cablepod.parameters._key_paths import listed_path, motion_path
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._temperature import TEMPERATURES
@@ -25,8 +26,8 @@ LARGEST_DRAG_COEFFICIENT, LARGEST_DAMPING_RATIO = 3.0, 0.1
 IN_PERCENT = "given in %?"
 
 
-def notes_of_tables(p: Parameters, mass_of_ice: float) -> Iterator[Note]:
-    """Yield the notes on the tables of a scene beside its cable; `mass_of_ice` is per length [kg/m]."""
+def notes_of_tables(p: Parameters) -> Iterator[Note]:
+    """Yield the notes on the tables of a scene beside its cable."""
     yield from notes_of_temperatures(p.temperatures)
     yield from notes_of_gravity(math.hypot(*p.weight) / p.mass)
     yield from notes_of_wind(p.wind, p.duration)
@@ -34,9 +35,9 @@ def notes_of_tables(p: Parameters, mass_of_ice: float) -> Iterator[Note]:
     yield from outside(
         "cable.drag_coefficient", "a drag coefficient", p.drag_coefficient, (0.0, LARGEST_DRAG_COEFFICIENT), ""
     )
-    if p.bare is not None and p.diameter is not None and p.diameter > p.bare.diameter:
-        section = 0.25 * math.pi * (p.diameter**2 - p.bare.diameter**2)
-        yield from outside("ice.density", "a density of the ice", mass_of_ice / section, ICE_DENSITY, "kg/m3")
+    if p.bare is not None and (thickness := ice_thickness(p)):
+        density = mass_of_ice(p) / coat_section(thickness, p.bare.diameter)
+        yield from outside("ice.density", "a density of the ice", density, ICE_DENSITY, "kg/m3")
     functions = {motion_path(*key): motion for key, motion in p.motions.items()}
     loads = {"load": p.load_factor} | {
         listed_path("point_load", number): load.factor for number, load in enumerate(p.point_loads, 1)
