@@ -9,10 +9,11 @@ import numpy as np
 
 from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, warn
+from cablepod.mast._breaks import steps_of_breaks
 from cablepod.mast._drive import drive_of
 from cablepod.mast._guys import GuyStatics, StaticGuy
 from cablepod.mast._kernels_layout import GuyEnds, StaticTerms, StaticWind
-from cablepod.mast._march import march, steps_of_breaks
+from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.scene._mast_field import GUY_POINTS
@@ -109,7 +110,7 @@ class CatenaryGuys:
         anchors = np.array([guy.p.lower[[0, 2]] for guy in self.guys]).reshape(-1, 2)
         result = march(
             mast, request, mast.step_matrices_with(mass, step), drive,
-            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast, step), mass), forces,
+            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), mass), forces,
             static=StaticTerms(anchors, first, spacing, horizontal, vertical, places), guy_wind=wind,
         )  # fmt: skip
         status = result.status

@@ -12,6 +12,7 @@ from cablepod.chain._attached import AttachedForces
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import scene_error
+from cablepod.mast._breaks import steps_of_breaks
 from cablepod.mast._drive import drive_of
 from cablepod.mast._kernels_layout import (
     BODY,
@@ -24,7 +25,7 @@ from cablepod.mast._kernels_layout import (
     ChainWind,
     GuyEnds,
 )
-from cablepod.mast._march import march, steps_of_breaks
+from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.parameters._mast import MastParameters
@@ -170,7 +171,7 @@ class ChainGuys:
                 forces[g] += self._top_drag(g, x)
         return march(
             mast, request, mast.step_matrices_with(self.end_mass, step), drive,
-            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast, step), self.end_mass), forces,
+            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), self.end_mass), forces,
             chains=self._terms(limit), guy_wind=wind,
         )  # fmt: skip
 

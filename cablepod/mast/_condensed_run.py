@@ -12,11 +12,12 @@ from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
 from cablepod.mast._air import along_guys, steady_along_guys
 from cablepod.mast._beam import kept
+from cablepod.mast._breaks import broken_at_outputs, steps_of_breaks
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
 from cablepod.mast._condensed_lanes import Lanes
 from cablepod.mast._drive import Drive, drive_of
 from cablepod.mast._kernels_layout import CondensedScheme, CondensedState, GuyEnds
-from cablepod.mast._march import constant_forces, march, steps_of_breaks
+from cablepod.mast._march import constant_forces, march
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared, with_guys
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT, drag_step_limit
@@ -189,7 +190,7 @@ class CondensedGuys:
         saved = np.zeros((request.outputs_count if request.energy or request.keeps_guys else 0, 3, *p.shape))
         drive = drive_of(mast, air, request)
         result = march(
-            mast, request, matrices, drive, GuyEnds.of(mast.level_of_guy, steps_of_breaks(mast, step), lanes.end_mass),
+            mast, request, matrices, drive, GuyEnds.of(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), lanes.end_mass),
             self.rest[1], hold=hold, condensed=(lanes.watched(fitted), scheme, CondensedState.of(p, saved)),
             guy_wind=None if air is None else lanes.wind(along_guys(air, self.drag_points, lanes.size)),
         )  # fmt: skip
@@ -214,12 +215,8 @@ class CondensedGuys:
                 deflection = guys.scale[:, None] * (q[t, :, part * r : (part + 1) * r] @ basis[part])
                 moved = moved + deflection[..., None] * normals[:, part, None]
             positions[t] = moved
-        positions[self._broken(result.request)] = np.nan
+        positions[broken_at_outputs(self.mast.rest.p, result.request)] = np.nan
         return positions
-
-    def _broken(self, request: MastRequest) -> np.ndarray:
-        """Tell which guys are broken at the outputs, as the kernel does (outputs, guys)."""
-        return request.every * np.arange(request.outputs_count)[:, None] >= steps_of_breaks(self.mast, request.step)
 
     def _energy(
         self, result: MastTrajectory, matrices: StepMatrices, fitted: np.ndarray, drive: Drive, saved: np.ndarray
@@ -242,7 +239,7 @@ class CondensedGuys:
             "ta,na,nt->t", result.modal, drive.loads.vectors, drive.loads.factors[:, :: request.every]
         )
         ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
-        at_rest, holds = self.guys.energy(self.rest[0], self.guys.upper).sum(), ~self._broken(request)
+        at_rest, holds = self.guys.energy(self.rest[0], self.guys.upper).sum(), ~broken_at_outputs(mast.rest.p, request)
         for t in range(len(result.modal)):
             upper = self.guys.upper.copy()
             upper[:, [0, 2]] += ends[t]

@@ -12,11 +12,6 @@ from cablepod.mast._model import ModalMast, StepMatrices
 from cablepod.mast._request import MastRequest, MastTrajectory
 
 
-def steps_of_breaks(mast: ModalMast, step: float) -> np.ndarray:
-    """Return the step from which on each guy carries nothing (guys,)."""
-    return np.array([np.inf if guy.breaks is None else guy.breaks / step for guy in mast.rest.p.guys])
-
-
 def constant_forces(mast: ModalMast, drive: Drive, at_rest: np.ndarray) -> np.ndarray:
     """Return the modal forces that balance loads, drag and guys, with forces (guys, 3) on the mast, at rest (modes,)."""
     return drive.constant - np.einsum("gi,gia->a", at_rest[:, [0, 2]], mast.guy_rows)

@@ -10,6 +10,7 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
 from cablepod.mast._beam import Beam
+from cablepod.mast._breaks import times_of_breaks
 from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
@@ -109,7 +110,7 @@ def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Map
         coords["guy_level"] = ("guy", p.given_heights(np.array([guy.level for guy in p.guys])))
         coords["table"] = ("guy", np.array([guy.table for guy in p.guys]))
         if any(guy.breaks is not None for guy in p.guys):
-            coords["guy_breaks"] = ("guy", np.array([np.inf if guy.breaks is None else guy.breaks for guy in p.guys]))
+            coords["guy_breaks"] = ("guy", times_of_breaks(p))
     return coords
 
 

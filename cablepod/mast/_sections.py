@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod.conventions import ENDS
+from cablepod.mast._breaks import broken_at_outputs
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
 from cablepod.mast._statics import load_vectors, seen_by
@@ -106,6 +107,5 @@ def anchor_forces(mast: ModalMast, run: MastTrajectory) -> np.ndarray:
     force = run.force[:n]
     turned = force - 2.0 * (force * along).sum(axis=-1, keepdims=True) * along
     result = rest.statics.anchor_forces + turned - turned[:1]
-    breaks = np.array([np.inf if guy.breaks is None else guy.breaks for guy in rest.p.guys])
-    result[run.request.times[:n, None] >= breaks] = 0.0
+    result[broken_at_outputs(rest.p, run.request)[:n]] = 0.0
     return result

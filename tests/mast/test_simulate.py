@@ -151,6 +151,17 @@ def test_one_guy_of_a_table_breaks():
         small(lambda mapping: mapping["guy"][0].update(breaks_number=1))
 
 
+@pytest.mark.parametrize("guys", ["chain", "condensed"])
+def test_all_outputs_break_at_the_same_instant(guys):
+    # 0.28 s is an instant of the output, but 7 * 0.04 is more by rounding, and 0.28 / step more than a whole number
+    scene = small(lambda mapping: mapping["guy"][0].update(breaks=0.28, breaks_number=2))
+    run = cp.mast.simulate(
+        scene, guys=guys, times=0.04 * np.arange(10), step=0.04 / 128, outputs=("guy_tension", "anchor_force")
+    ).isel(guy=1)
+    assert (run.guy_tension == 0.0).values.tolist() == 7 * [False] + 3 * [True]
+    assert (run.anchor_force == 0.0).all("coordinate").values.tolist() == 7 * [False] + 3 * [True]
+
+
 def breaking(mapping):
     """Four guys, of which the last breaks after a second."""
     mapping["guy"][0]["count"] = 1
