@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import json
-import os
-import platform
-import subprocess
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +12,8 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.archive._checksums import CHECKSUMS, BlockSums, as_text
 from cablepod.archive._content_hash import content_hash
-from cablepod.archive._read import content_types, fixed_width_texts, version
+from cablepod.archive._program import program
+from cablepod.archive._read import content_types, fixed_width_texts
 from cablepod.archive._seal import SCHEMA
 from cablepod.errors import ArchiveError
 
@@ -86,7 +82,7 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
     new = [stage for stage in stages if "written" not in stage]
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     for stage in new:
-        stage.update(_STAMPS.setdefault(stage["id"], {**_program(), "written": now}))
+        stage.update(_STAMPS.setdefault(stage["id"], {**program(), "written": now}))
     last = stage_of(stages, attrs["id"])
     last["sha256"] = digest
     if digest != EMPTY:
@@ -98,7 +94,7 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
         if attrs.get(name) in {None, *(text.format(stage["function"]) for stage in stages)}:
             attrs[name] = text.format(last["function"])
     if new or not {"source", "date_created"} <= set(attrs):
-        attrs.update(source=f"cablepod {_program()['version']}", date_created=now)
+        attrs.update(source=f"cablepod {program()['version']}", date_created=now)
     for name in ("time_coverage_duration", "time_coverage_resolution"):
         attrs.pop(name, None)  # possibly inherited from an input with other times
     attrs.update(_time_coverage(dataset))
@@ -155,25 +151,3 @@ def _time_coverage(dataset: xr.Dataset) -> dict[str, str]:
     if np.allclose(steps, steps[0], rtol=1e-6, atol=0):
         coverage["time_coverage_resolution"] = steps.mean()
     return {name: f"PT{np.format_float_positional(x, 9, trim='-')}S" for name, x in coverage.items() if np.isfinite(x)}
-
-
-@functools.cache
-def _program() -> dict[str, str]:
-    """Return program, version, platform and, in a checkout, commit, for the record of a stage."""
-    program = {"program": "cablepod", "version": version(), "platform": platform.platform()}
-    commit = _commit(Path(__file__).resolve().parents[2])
-    return program | ({"commit": commit} if commit else {})
-
-
-def _commit(root: Path) -> str | None:
-    """Return the commit of the checkout `root`, with the suffix "-dirty" if files differ; None without a checkout."""
-    if not (root / ".git").exists():  # git would report a checkout around an installed package
-        return None
-    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
-    environment["GIT_OPTIONAL_LOCKS"] = "0"  # read only
-    try:
-        result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=5, check=True)
-    except (OSError, subprocess.SubprocessError):  # no git, no commit yet, another user's checkout
-        return None
-    return result.stdout.strip() or None

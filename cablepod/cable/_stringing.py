@@ -23,9 +23,10 @@ from cablepod.catenary._sag import sag_of_scene
 from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.conventions import STILL_AIR, label
 from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, warn
+from cablepod.parameters._check_tables import check_table
 from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._keys import ICE, TOP, check_table
+from cablepod.parameters._keys import ICE, TOP
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.parameters._temperature import REFERENCE

@@ -12,10 +12,10 @@ from cablepod import provenance
 from cablepod._inputs import floats
 from cablepod.conventions import ENDS, label, shared_coordinates
 from cablepod.discretisation._laws import law_of
-from cablepod.errors import SceneError, did_you_mean, scene_error
-from cablepod.parameters._checks import integer, number
+from cablepod.errors import did_you_mean, scene_error
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
+from cablepod.pod._energy import choose_rank, fractions
 from cablepod.pod._snapshots import MASS, arc_length_of, masses_of
 from cablepod.pod._training_range import add_training_range
 
@@ -87,7 +87,7 @@ def labelled(
     # a power of two as unit: squares neither underflow nor overflow
     unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), discarded))[1].astype(float))[:, None]
     squares, outside = (values / unit) ** 2, (discarded[:, None] / unit) ** 2
-    kept = _choose_rank(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
+    kept = choose_rank(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
     layout = options["layout"]
     shapes = [np.pad(fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
 
@@ -102,8 +102,8 @@ def labelled(
         "singular_value_uncertainty": errors,
         "mode_uncertainty": svd_methods.mode_angles(values, errors),
         "proper_orthogonal_value": proper,
-        "energy_share": _fractions(squares, outside),
-        "singular_value_share": _fractions(values / unit),
+        "energy_share": fractions(squares, outside),
+        "singular_value_share": fractions(values / unit),
     }
     variables = _variables(layout, shapes, {name: table[:, :kept] for name, table in tables.items()}, truncation)
     if layout != "normal":
@@ -176,33 +176,6 @@ def amplitude_dataset(
         ),
     )
     return label(result)
-
-
-def _fractions(parts: np.ndarray, outside: np.ndarray | float = 0.0) -> np.ndarray:
-    """Return parts (matrix, mode) divided by their sum plus `outside`, zero for a zero sum."""
-    total = parts.sum(axis=1, keepdims=True) + outside
-    return np.divide(parts, total, out=np.zeros_like(parts), where=total > 0)
-
-
-def _choose_rank(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
-    """Return the number of modes to keep, at most `most`, from squared singular values (matrix, mode)."""
-    most = min(squares.shape[1], most)
-    if most < 1:
-        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
-    if rank is not None:
-        integer(least=1)("rank", rank)
-        if rank > most:
-            raise scene_error("rank", rank, f"at most {most}, as many as particles and snapshots give")
-        return int(rank)
-    if energy is None:
-        return most
-    number(above=0.0, most=1.0)("energy", energy)
-    needed = 1
-    for row, rest in zip(squares, outside[:, 0], strict=True):
-        if row.sum() > 0.0:
-            cumulative = np.cumsum(row) / (row.sum() + rest)
-            needed = max(needed, int(np.searchsorted(cumulative, energy * (1.0 - 1e-15))) + 1)
-    return min(needed, most)
 
 
 def fix_sign(field: np.ndarray) -> np.ndarray:

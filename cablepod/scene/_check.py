@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.errors import SceneError, closest, did_you_mean, named, scene_error
+from cablepod.errors import SceneError, closest, did_you_mean, scene_error
+from cablepod.parameters._check_tables import check_names, check_table, meant, unknown_key
 from cablepod.parameters._checks import choice
 from cablepod.parameters._key_paths import listed_path, motion_path
 from cablepod.parameters._keys import (
@@ -23,10 +24,7 @@ from cablepod.parameters._keys import (
     TABLES,
     TOP,
     Key,
-    check_names,
-    check_table,
     join,
-    meant,
     time_function_keys,
 )
 from cablepod.parameters._particles import number_of_links
@@ -71,9 +69,7 @@ def _check_names(mapping: Mapping[str, Any]) -> None:
     allowed = [*TOP, *(name for name in TABLES if "." not in name), *OTHER_TABLES]
     for name in mapping:
         if name not in allowed:
-            raise SceneError(
-                f"{named(name)}: unknown key or table; allowed: {', '.join(allowed)}{meant('', name, allowed)}"
-            )
+            raise unknown_key("", name, allowed, kind="key or table")
     for name in ("cable", "ends"):
         if name not in mapping:
             raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(TABLES[name])}")
@@ -97,9 +93,8 @@ def check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: 
     factor_keys = {"kind", *(name for kind in time_function_keys("1").values() for name in kind)}
     for name in factor:
         if name not in factor_keys:
-            allowed = ", ".join([*keys, "kind (of a time factor)"])
             similar = meant(prefix, name, {*keys, *factor_keys})
-            raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {allowed}{similar}")
+            raise unknown_key(prefix, name, [*keys, "kind (of a time factor)"], similar)
     checked = check_table(prefix, load, keys)
     return checked | _check_time_function(prefix, factor, "1", folder) if factor else checked
 
@@ -126,15 +121,13 @@ def _check_motion(table: Any, folder: Path) -> dict[str, Any]:
     checked: dict[str, Any] = {}
     for end, motions in table.items():
         if end not in ENDS:
-            raise SceneError(
-                f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}{did_you_mean(end, ENDS, 'motion.')}"
-            )
+            raise unknown_key("motion", end, ENDS, did_you_mean(end, ENDS, "motion."))
         if not isinstance(motions, Mapping):
             raise scene_error(f"motion.{end}", motions, f"tables motion.{end}.x and so on")
         checked[end] = {}
         for axis, function in motions.items():
             if axis not in COORDINATES:
-                raise SceneError(f"motion.{end}.{named(axis)}: unknown axis; allowed: {', '.join(COORDINATES)}")
+                raise unknown_key(f"motion.{end}", axis, COORDINATES, "", "axis")
             checked[end][axis] = _check_time_function(motion_path(end, axis), function, "m", folder)
     return checked
 
@@ -184,8 +177,7 @@ def check_ensemble(table: Any) -> dict[str, Any]:
         raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
     for name in table:
         if name not in (keys := [*ENSEMBLE, "ranges"]):
-            similar = meant("ensemble", name, keys)
-            raise SceneError(f"{join('ensemble', name)}: unknown key; allowed: {', '.join(keys)}{similar}")
+            raise unknown_key("ensemble", name, keys)
     options = {key: value for key, value in table.items() if key != "ranges"}
     ranges, options = with_counts_expanded(table.get("ranges"), options, prefix="ensemble")
     return {**check_table("ensemble", options, ENSEMBLE), "ranges": ranges}

@@ -13,7 +13,8 @@ import xarray as xr
 from cablepod._inputs import SCENE, Kind
 from cablepod.catenary._statics import length_and_strain
 from cablepod.errors import SceneError, did_you_mean, named, scene_error
-from cablepod.parameters._keys import TABLES, TOP, check_table
+from cablepod.parameters._check_tables import check_table, unknown_key
+from cablepod.parameters._keys import TABLES, TOP
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._mast_keys import (
     GUY,
@@ -77,7 +78,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     for name in mapping:
         if name not in ALLOWED:
             remedy = f"; try: cables.NAME.{name}" if name in GUY_LISTED else did_you_mean(name, ALLOWED)
-            raise SceneError(f"{named(name)}: unknown key or table of a mast; allowed: {', '.join(ALLOWED)}{remedy}")
+            raise unknown_key("", name, ALLOWED, remedy, "key or table of a mast")
     if "mast" not in mapping:
         raise SceneError("mast: missing; allowed: a table with the keys " + ", ".join(MAST))
     tree = check_table("", {key: mapping[key] for key in mapping if key in TOP}, TOP)
@@ -117,8 +118,8 @@ def _without_lists(
     """Return the keys of a table, and the lists of tables in it; refuse all other names."""
     for name in table:
         if name not in keys and name not in lists:
-            allowed, similar = ", ".join([*keys, *lists]), did_you_mean(name, [*keys, *lists], f"{prefix}.")
-            raise SceneError(f"{prefix}.{named(name)}: unknown key; allowed: {allowed}{similar}")
+            allowed = [*keys, *lists]
+            raise unknown_key(prefix, name, allowed, did_you_mean(name, allowed, f"{prefix}."))
     own = {name: value for name, value in table.items() if name not in lists}
     return own, {name: table[name] for name in lists if name in table}
 

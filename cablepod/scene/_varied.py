@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import COORDINATES, VARIABLES
+from cablepod.parameters._check_tables import filled
 from cablepod.parameters._key_paths import key_in, variable_name, variable_of
-from cablepod.parameters._keys import filled
 from cablepod.parameters._particles import number_of_links
 from cablepod.parameters._tables import OF_CABLE, OF_MAST, table_of
 from cablepod.scene._dataset import Variables, variable

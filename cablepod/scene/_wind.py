@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cablepod.errors import scene_error
-from cablepod.parameters._keys import TURBULENCE, WIND, check_names, check_table, filled
+from cablepod.parameters._check_tables import check_names, check_table, filled
+from cablepod.parameters._keys import TURBULENCE, WIND
 from cablepod.parameters._wind import check_record
 
 

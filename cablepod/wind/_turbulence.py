@@ -11,7 +11,8 @@ import numpy as np
 
 from cablepod.batch._blas import one_blas_thread
 from cablepod.errors import scene_error
-from cablepod.wind._profile import MIN_HEIGHT, mean_speed, spectra
+from cablepod.wind._profile import mean_speed
+from cablepod.wind._spectra import MIN_HEIGHT, spectra
 
 #: Number of frequencies at which the coherence is factorised; between them factors are linear in the frequency.
 FACTORISED = 48
