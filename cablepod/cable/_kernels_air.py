@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from cablepod._jit import compiled
 from cablepod.cable._kernels_forces import _gradient
-from cablepod.chain._kernels_attached import body_drag
+from cablepod.chain._kernels_attached import add_bodies
+from cablepod.wind._kernels_drag import relative_velocity, sample_at, straight_drag
 
 
 @compiled
@@ -34,9 +33,7 @@ def _nodal_drag(u, g, wind, place, drag, ratios, weight, scale, force, tangent):
         along u_n [kg/s].
     """
     dims, order, elements = u.shape[0], weight.size - 1, scale.size
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    share = place - sample
+    sample, share = sample_at(place, wind.shape[0])
     if tangent is not None:
         for c in range(dims):
             for k in range(dims):
@@ -49,29 +46,20 @@ def _nodal_drag(u, g, wind, place, drag, ratios, weight, scale, force, tangent):
         length = 1.0 / scale[e]
         for q in range(order + 1):
             j = e * order + q
-            square, along, speed_squared = 0.0, 0.0, 0.0
-            for c in range(dims):
-                relative = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
-                square += g[c, q, e] * g[c, q, e]
-                along += relative * g[c, q, e]
-                speed_squared += relative * relative
-            along /= square
-            speed_squared = max(speed_squared - along * along * square, 0.0)
-            factor = drag * weight[q] * length * math.sqrt(square * speed_squared)
+            t = g[0, q, e], g[1, q, e], g[2, q, e] if dims == 3 else 0.0
+            found = straight_drag(*t, *relative_velocity(wind[sample], wind[sample + 1], share, u, j))
+            factor, normal = drag * weight[q] * length * found[0], found[1:]
             if ratios is not None:
                 factor *= ratios[1, e]
             for c in range(dims):
-                relative = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
-                force[c, j] += factor * (relative - along * g[c, q, e])
+                force[c, j] += factor * normal[c]
             if tangent is not None:
+                square = t[0] * t[0] + t[1] * t[1] + t[2] * t[2]
+                speed_squared = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
                 of_speed = factor / speed_squared if speed_squared > 0.0 else 0.0
                 for c in range(dims):
-                    normal = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
-                    normal -= along * g[c, q, e]
                     for k in range(dims):
-                        other = wind[sample, k, j] + share * (wind[sample + 1, k, j] - wind[sample, k, j]) - u[k, j]
-                        other -= along * g[k, q, e]
-                        tangent[c, k, j] += of_speed * normal * other - factor * g[c, q, e] * g[k, q, e] / square
+                        tangent[c, k, j] += of_speed * normal[c] * normal[k] - factor * t[c] * t[k] / square
                     tangent[c, c, j] += factor
 
 
@@ -82,7 +70,7 @@ def drag_forces(x, u, wind, place, drag, ratios, bodies, d, weight, scale, unrol
     Parameters
     ----------
     bodies : float array (N,) or None
-        See :func:`cablepod.chain._kernels_attached.body_drag`.
+        See :func:`cablepod.chain._kernels_attached.add_bodies`.
     d, unrolled
         As in :func:`cablepod.cable._kernels_explicit.verlet`.
     nodal, g : float arrays (p + 1, elements), (dims, p + 1, elements)
@@ -92,4 +80,4 @@ def drag_forces(x, u, wind, place, drag, ratios, bodies, d, weight, scale, unrol
         _gradient(x[c], d, scale, unrolled, nodal, g[c])
     _nodal_drag(u, g, wind, place, drag, ratios, weight, scale, force, None)
     if bodies is not None:
-        body_drag(u, wind, place, bodies, force, 0.0, None)
+        add_bodies(u, wind, place, bodies, force, 0.0, None)

@@ -20,7 +20,7 @@ from cablepod.cable._kernels_forces import (
     _scale_elements,
     forces,
 )
-from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
+from cablepod.chain._kernels_attached import add_bodies, attached_forces, attached_tangent
 from cablepod.discretisation._kernels_modal_damping import damping_forces
 from cablepod.integrate._kernels_assign import assign
 
@@ -336,7 +336,7 @@ def trapezoidal(
                 damping_forces(modal, u, first, np.empty(u.size), damping_force)
             if bodies is not None:
                 own[:] = 0.0
-                body_drag(u, wind, wind_places[i + 1], bodies, air_force, velocity_factor, own)
+                add_bodies(u, wind, wind_places[i + 1], bodies, air_force, velocity_factor, own)
                 _add_blocks(own, first, band)
             if tension_damping > 0.0:
                 for q in range(weight.size):

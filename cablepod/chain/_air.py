@@ -81,7 +81,7 @@ class ChainAir:
             x, v, self.velocity, place, self.drags, free.start, free.stop, force, np.empty(len(position))
         )
         if self.bodies is not None:
-            kernel_attached.body_drag(v, self.velocity, place, self.bodies, force, 0.0, None)
+            kernel_attached.add_bodies(v, self.velocity, place, self.bodies, force, 0.0, None)
         return force.T
 
     def at_rest(self, position: np.ndarray) -> np.ndarray:

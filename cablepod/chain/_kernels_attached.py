@@ -10,6 +10,7 @@ import math
 
 from cablepod._jit import compiled
 from cablepod.chain._kernels_layout import PER_MASS, VX, X
+from cablepod.wind._kernels_drag import body_drag, relative_velocity, sample_at
 
 #: Columns of the numbers of an attachment: unit vector, place without force, damper [N s/m], spring [N/m], two for a step.
 DIRECTION, REST, DAMPER, SPRING, BEFORE, STRETCH = 0, 3, 6, 7, 8, 9
@@ -121,7 +122,7 @@ def attached_tangent(particles, numbers, part, rate, own):
 
 
 @compiled
-def body_drag(v, wind, place, bodies, force, scale, own):
+def add_bodies(v, wind, place, bodies, force, scale, own):
     """Add the drag of bodies, b |u| u with the relative velocity u of the air, to `force` (dims, n + 1) [N].
 
     Parameters
@@ -140,40 +141,27 @@ def body_drag(v, wind, place, bodies, force, scale, own):
         Added to: `scale` times the negative derivative of the force by the velocities, b (|u| + u u / |u|), in symmetric blocks.
     """
     dims = v.shape[0]
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    share = place - sample
+    sample, share = sample_at(place, wind.shape[0])
     for j in range(bodies.size):
-        if bodies[j] == 0.0:
+        u = relative_velocity(wind[sample], wind[sample + 1], share, v, j)
+        drag, row = body_drag(bodies[j], *u), 0
+        speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+        if bodies[j] == 0.0 or speed == 0.0:
             continue
-        square = 0.0
         for c in range(dims):
-            u = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - v[c, j]
-            square += u * u
-        speed = math.sqrt(square)
-        if speed == 0.0:
-            continue
-        row = 0
-        for c in range(dims):
-            u = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - v[c, j]
-            force[c, j] += bodies[j] * speed * u
+            force[c, j] += drag[c]
             if own is not None:
                 for e in range(c, dims):
-                    w = wind[sample, e, j] + share * (wind[sample + 1, e, j] - wind[sample, e, j]) - v[e, j]
-                    own[row, j] += scale * bodies[j] * (u * w / speed + (speed if e == c else 0.0))
+                    own[row, j] += scale * (drag[c] * u[e] / (speed * speed) + (bodies[j] * speed if e == c else 0.0))
                     row += 1
 
 
 @compiled
 def add_body_drag(s, links, before, after, share, bodies, row, dims):
-    """Add the velocity increments in a step by the drag of bodies to the rows from `row` on, see :func:`body_drag`."""
+    """Add the velocity increments in a step by the drag of bodies to the rows from `row` on, see :func:`add_bodies`."""
     for j in range(links + 1):
         if bodies[j] == 0.0:
             continue
-        square = 0.0
+        drag = body_drag(bodies[j] * s[PER_MASS, j], *relative_velocity(before, after, share, s[VX : VX + dims], j))
         for c in range(dims):
-            u = before[c, j] + share * (after[c, j] - before[c, j]) - s[VX + c, j]
-            square += u * u
-        factor = bodies[j] * s[PER_MASS, j] * math.sqrt(square)
-        for c in range(dims):
-            s[row + c, j] += factor * (before[c, j] + share * (after[c, j] - before[c, j]) - s[VX + c, j])
+            s[row + c, j] += drag[c]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 from cablepod._jit import compiled
 from cablepod.chain._kernels_attached import add_body_drag
 from cablepod.chain._kernels_layout import BASE_X, DRAG_PER_MASS, DRAG_X, LINE, PER_MASS, VX, X
+from cablepod.wind._kernels_drag import relative_velocity, sample_at, straight_drag
 
 #: Weights of Adams and Bashforth for the last three evaluations of the drag.
 NOW, BEFORE, OLD = 23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0
@@ -34,27 +33,18 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
         Filled: drag [N], and its size over that of u_n [kg/s]; 0 at held particles.
     """
     dims, particles = x.shape
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    share = place - sample
+    sample, share = sample_at(place, wind.shape[0])
     force[:] = 0.0
     damping[:] = 0.0
     for p in range(first, last):
         below, above = max(p - 1, 0), min(p + 1, particles - 1)
-        square, along, speed_squared = 0.0, 0.0, 0.0
-        for c in range(dims):
-            t = x[c, above] - x[c, below]
-            u = wind[sample, c, p] + share * (wind[sample + 1, c, p] - wind[sample, c, p]) - v[c, p]
-            square += t * t
-            along += u * t
-            force[c, p] = u
-        along /= square
-        for c in range(dims):
-            force[c, p] -= along * (x[c, above] - x[c, below])
-            speed_squared += force[c, p] * force[c, p]
-        damping[p] = 0.5 * drag[p] * math.sqrt(square * speed_squared)
-        for c in range(dims):
-            force[c, p] *= damping[p]
+        tz = x[2, above] - x[2, below] if dims == 3 else 0.0
+        ux, uy, uz = relative_velocity(wind[sample], wind[sample + 1], share, v, p)
+        size, ux, uy, uz = straight_drag(x[0, above] - x[0, below], x[1, above] - x[1, below], tz, ux, uy, uz)
+        damping[p] = 0.5 * drag[p] * size
+        force[0, p], force[1, p] = damping[p] * ux, damping[p] * uy
+        if dims == 3:
+            force[2, p] = damping[p] * uz
 
 
 @compiled
@@ -130,21 +120,11 @@ def _resist(count, half_drag, per_mass, x, ux, y, uy, z, uz):
         Relative velocities; replaced by the increments [m/s].
     """
     for j in range(count):
-        tx, ty = x[j + 2] - x[j], y[j + 2] - y[j]
-        wx, wy = ux[j], uy[j]
-        square, along = tx * tx + ty * ty, wx * tx + wy * ty
+        tz, wz = None, None
         if z is not None:
             tz, wz = z[j + 2] - z[j], uz[j]
-            square += tz * tz
-            along += wz * tz
-        along /= square
-        wx -= along * tx
-        wy -= along * ty
-        speed_squared = wx * wx + wy * wy
-        if z is not None:
-            wz -= along * tz
-            speed_squared += wz * wz
-        factor = half_drag * per_mass[j] * math.sqrt(square * speed_squared)
+        size, wx, wy, wz = straight_drag(x[j + 2] - x[j], y[j + 2] - y[j], tz, ux[j], uy[j], wz)
+        factor = half_drag * per_mass[j] * size
         ux[j] = factor * wx
         uy[j] = factor * wy
         if z is not None:
@@ -178,9 +158,8 @@ def apply_drag(s, links, wind, place, drag, bodies, step, target, evaluation, sp
     of the start.  Loops take whole vectors of LINE particles, as scalar roots and divisions of a remainder would take as long as
     the rest: the last vector computes some particles of the one before again.  `bodies` (n + 1,) have drag of their own [kg/m].
     """
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    share, half_drag = place - sample, 0.5 * drag
+    sample, share = sample_at(place, wind.shape[0])
+    half_drag = 0.5 * drag
     before, after = wind[sample], wind[sample + 1]
     now = DRAG_X + 3 * (evaluation % 3)
     earlier, oldest = DRAG_X + 3 * (max(evaluation - 1, 0) % 3), DRAG_X + 3 * (max(evaluation - 2, 0) % 3)

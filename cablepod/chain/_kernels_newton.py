@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import REORDERED, compiled
-from cablepod.chain._kernels_attached import attached_forces, attached_tangent, body_drag
+from cablepod.chain._kernels_attached import add_bodies, attached_forces, attached_tangent
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
 from cablepod.chain._kernels_drag import drag_forces, drag_tangent
 from cablepod.chain._kernels_links import _add_tension_damping, _add_viscosity, _update_extremes, assemble_links
@@ -80,7 +80,7 @@ def _forces_on_particles(sizes, chain, terms, place, position, part, rate, newto
         drag_forces(x, v, terms.wind, place, terms.drag, chain.first, chain.last, force, damping)
         drag_tangent(x, chain.first, chain.last, rate, force, damping, block)
         if terms.bodies.size:
-            body_drag(v, terms.wind, place, terms.bodies, force, rate, block)
+            add_bodies(v, terms.wind, place, terms.bodies, force, rate, block)
         _add(newton.force, 1.0, known)
     if terms.particles.size:
         _clear(newton.force)

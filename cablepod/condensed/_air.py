@@ -16,6 +16,7 @@ from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.wind._air import CableAir, density_of, refined
+from cablepod.wind._drag import body_drag
 from cablepod.wind._drag_rate import (
     TENSION_MARGIN,
     drag_rate,
@@ -187,7 +188,7 @@ class CondensedAir:
         forces = []
         for of_air in (velocity, mean):
             u = of_air[:, :, self.bodies.points]
-            forces.append(self.bodies.drag * np.sqrt((u * u).sum(axis=1)) * u[:, 0])
+            forces.append(body_drag(self.bodies.drag, u, axis=1)[:, 0])
         return BodyLoads(self.places.bodies, forces[0], rate, forces[1][0])
 
     @property

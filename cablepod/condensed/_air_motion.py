@@ -8,6 +8,7 @@ import numpy as np
 
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_places import AirPlaces, gauss
+from cablepod.wind._drag import body_drag, straight_drag
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,8 @@ class DragOfMotion:
             velocity[:, k] -= rates[:, which] @ shapes[:, which].T
         bodies, of_bodies = air.bodies, np.zeros(0)
         if bodies is not None:
-            of_bodies = velocity[:, :, bodies.points]
-            of_bodies = bodies.drag * np.sqrt((of_bodies * of_bodies).sum(axis=1, keepdims=True)) * of_bodies
-        square = (tangent * tangent).sum(axis=1)
-        velocity -= ((velocity * tangent).sum(axis=1) / square)[:, None] * tangent
-        size = air.air.drag * air.drag_ratios * np.sqrt(square * (velocity * velocity).sum(axis=1))
-        force = size[:, None] * velocity
+            of_bodies = body_drag(bodies.drag, velocity[:, :, bodies.points], axis=1)
+        force, size = straight_drag(air.air.drag * air.drag_ratios, tangent, velocity, axis=1)
         if bodies is not None:  # along the chord theirs is a load of the model
             force[:, :, bodies.points] = of_bodies
             force[:, 0, bodies.points] = 0.0

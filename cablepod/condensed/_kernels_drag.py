@@ -1,4 +1,7 @@
-"""Compiled forces of the condensed model that depend on velocities: damping by the tension, drag of the wind."""
+"""Compiled drag of the wind on the condensed model, with relative velocity.
+
+It is the law of :func:`cablepod.wind._kernels_drag.straight_drag` in components of t x u.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_layout import AIR_ROWS, POINTS_IN_VECTOR
+from cablepod.wind._kernels_drag import body_drag, sample_at
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
@@ -246,9 +250,8 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     `wind` (samples, (1 + normals) points) is the velocity of the air at the points along the chord, then along each normal,
     linear between samples; `work` (AIR_ROWS points,) is overwritten.
     """
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    before, after, share, n, n_out = wind[sample], wind[sample + 1], place - sample, drag.size, q.size - n_in_plane
+    sample, share = sample_at(place, wind.shape[0])
+    before, after, n, n_out = wind[sample], wind[sample + 1], drag.size, q.size - n_in_plane
     if 0 < n_in_plane <= 4 and n_out == 0:
         _add_drag_of_few(q, u, stretch, exact, None, before, after, share, drag, shapes[0], shapes[1], n_in_plane, f)
         return
@@ -304,9 +307,8 @@ def _add_body_drag(bodies, u, wind, place, points, shapes, n_in_plane, f):
     """
     if bodies is None:
         return
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    before, after, share, r = wind[sample], wind[sample + 1], place - sample, u.size
+    sample, share = sample_at(place, wind.shape[0])
+    before, after, r = wind[sample], wind[sample + 1], u.size
     for b in range(bodies.points.size):
         g = bodies.points[b]
         along = before[g] + share * (after[g] - before[g])
@@ -319,11 +321,11 @@ def _add_body_drag(bodies, u, wind, place, points, shapes, n_in_plane, f):
             binormal = before[k] + share * (after[k] - before[k])
             for i in range(n_in_plane, r):
                 binormal -= shapes[i, g] * u[i]
-        force = bodies.drag[b] * math.sqrt(along * along + normal * normal + binormal * binormal)
+        _, on_normal, on_binormal = body_drag(bodies.drag[b], along, normal, binormal)
         for i in range(n_in_plane):
-            f[i] += force * normal * shapes[i, g]
+            f[i] += on_normal * shapes[i, g]
         for i in range(n_in_plane, r):
-            f[i] += force * binormal * shapes[i, g]
+            f[i] += on_binormal * shapes[i, g]
 
 
 @compiled

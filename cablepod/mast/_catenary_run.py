@@ -17,7 +17,8 @@ from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.scene._mast_field import GUY_POINTS
-from cablepod.wind._air import drag_of, refined
+from cablepod.wind._air import refined
+from cablepod.wind._drag import drag_of
 from cablepod.wind._mast_air import MastAir
 
 #: Intervals of a table, and its reach to both sides over the height of the mast.

@@ -30,7 +30,8 @@ from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_field import GUY_POINTS
-from cablepod.wind._air import CableAir, drag_of, refined
+from cablepod.wind._air import CableAir, refined
+from cablepod.wind._drag import drag_of
 from cablepod.wind._drag_rate import drag_step_limit
 from cablepod.wind._mast_air import MastAir
 

@@ -11,7 +11,7 @@ import numpy as np
 from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
 from cablepod.mast import _kernels_layout as layout
 from cablepod.mast._air import to_gauss
-from cablepod.wind._air import drag_of
+from cablepod.wind._drag import drag_of
 
 if TYPE_CHECKING:
     from cablepod.mast._condensed_run import CondensedGuys

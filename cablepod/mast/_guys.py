@@ -18,7 +18,7 @@ from cablepod.parameters._guys import Guy
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._mast_field import GUY_POINTS
-from cablepod.wind._air import drag_of
+from cablepod.wind._drag import drag_of, straight_drag
 from cablepod.wind._mast_air import MastAir
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import direction_of
@@ -240,15 +240,11 @@ def _uniform_in_wind(
         lower, across, against = statics.frames
         position = lower[..., None] + x[:, None] * across[..., None] + y[:, None] * against[..., None]
         reach = np.gradient(position, sigma, axis=2)
-        stretched = np.sqrt((reach * reach).sum(axis=1))
-        tangent = reach / stretched[:, None]
         if air is None:
             assert p.wind is not None
             speed = mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))
             wind = speed[:, None] * direction_of(p.wind)[:, None]
-        normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
-        size = np.sqrt((normal * normal).sum(axis=1)) * stretched * (drag / statics.lengths)[:, None]
-        drags = size[:, None] * normal
+        drags = straight_drag((drag / statics.lengths)[:, None], reach, wind, axis=1)[0]
         loads = 6.0 * np.trapezoid(sigma * (1.0 - sigma) * drags, sigma, axis=2)
         shares = weights_of_ends(sigma)[:, None]
         rest = np.trapezoid(shares * (drags - loads[..., None])[:, None], sigma, axis=3)

@@ -8,8 +8,8 @@ import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.chain._kernels_attached import apply_along, note_along
-from cablepod.condensed._kernels_drag import _spatial_law
 from cablepod.mast._kernels_layout import BODY, DIVERGED, DONE, DRAG, INVERSE_LENGTH, LINK_STIFFNESS, PER_MASS, PLACE
+from cablepod.wind._kernels_drag import body_drag, sample_at, straight_drag
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -38,13 +38,10 @@ def _fill_drag(x, v, particles, wind, place, g, drags):
     It is c |t| |u_n| u_n over half of the links beside each, and b |u| u of what is attached.
     """
     velocity = wind.velocity
-    place = min(max(place, 0.0), velocity.shape[0] - 1.0)
-    sample = min(int(place), velocity.shape[0] - 2)
-    share, last, points = place - sample, x.shape[1] - 1, velocity.shape[2]
+    sample, share = sample_at(place, velocity.shape[0])
+    last, points = x.shape[1] - 1, velocity.shape[2]
     for j in range(last + 1):
         low, high = max(j - 1, 0), min(j + 1, last)
-        tx, ty, tz = x[0, high] - x[0, low], x[1, high] - x[1, low], x[2, high] - x[2, low]
-        square = tx * tx + ty * ty + tz * tz
         left = min(int(particles[PLACE, j]), points - 2)
         part = particles[PLACE, j] - left
         u0 = u1 = u2 = 0.0
@@ -57,12 +54,14 @@ def _fill_drag(x, v, particles, wind, place, g, drags):
         u0 -= v[0, j]
         u1 -= v[1, j]
         u2 -= v[2, j]
-        body = particles[BODY, j] * math.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
-        b0, b1, b2 = body * u0, body * u1, body * u2
-        d0, d1, d2 = _spatial_law(0.5 * particles[DRAG, j], tx, square, u0, u1, u2, ty, tz)
-        drags[0, j] = d0 + b0
-        drags[1, j] = d1 + b1
-        drags[2, j] = d2 + b2
+        b0, b1, b2 = body_drag(particles[BODY, j], u0, u1, u2)
+        size, u0, u1, u2 = straight_drag(
+            x[0, high] - x[0, low], x[1, high] - x[1, low], x[2, high] - x[2, low], u0, u1, u2
+        )
+        size *= 0.5 * particles[DRAG, j]
+        drags[0, j] = size * u0 + b0
+        drags[1, j] = size * u1 + b1
+        drags[2, j] = size * u2 + b2
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)

@@ -12,6 +12,7 @@ import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.mast._kernels_layout import TAPS
+from cablepod.wind._kernels_drag import body_drag, sample_at
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -55,10 +56,9 @@ def _sample_weights(place, wind):
     Between the equal parts of an interval, at which the weights are given, the air is linear.
     """
     table, weights = wind.table, wind.weights
-    place = min(max(place, 0.0), wind.velocity.shape[0] - 1.0)
-    left = min(int(place), wind.velocity.shape[0] - 2)
+    left, beyond = sample_at(place, wind.velocity.shape[0])
     parts = table.shape[0]
-    fine = (place - left) * parts
+    fine = beyond * parts
     part = min(int(fine), parts - 1)
     share = fine - part
     for i in range(TAPS):
@@ -96,10 +96,7 @@ def _fill_mast_drag(rate, wind):
             x[n] -= columns[0, i, n] * rate[i] + columns[0, i + 1, n] * rate[i + 1]
             z[n] -= columns[1, i, n] * rate[i] + columns[1, i + 1, n] * rate[i + 1]
     for n in range(nodes):
-        a, b = x[n], z[n]
-        size = wind.drag[n] * math.sqrt(a * a + b * b)
-        x[n] = size * a
-        z[n] = size * b
+        x[n], z[n], _ = body_drag(wind.drag[n], x[n], z[n], None)
     for i in range(modes):
         force[i] = 0.0
     for n in range(0, nodes, 4):

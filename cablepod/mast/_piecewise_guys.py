@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cablepod.catenary._piecewise import Pieces, pieces_of, size_of
+from cablepod.catenary._piecewise import Pieces, pieces_of
 from cablepod.catenary._piecewise_solve import between_ends
 from cablepod.discretisation._modal_damping import ratios_error
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
+from cablepod.wind._drag import body_drag, straight_drag
 
 #: Least number of pieces with a drag of their own, relative last change of the drag, maximum number of iterations.
 PIECES, DRAG_RTOL, MAX_ITERATIONS = 40, 1e-11, 60
@@ -130,15 +131,11 @@ def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float, name: 
         found = between_ends(loaded, chord, total, name)
         position = p.lower + np.concatenate([np.zeros((1, 3)), found.at(ends)[0]])
         reach = np.diff(position, axis=0)
-        stretched = size_of(reach)
-        tangent = reach / stretched[:, None]
         wind = air(0.5 * (position[1:] + position[:-1]), middle)
-        normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
-        on_parts = (0.5 * density * widths * stretched * size_of(normal))[:, None] * normal
+        on_parts = straight_drag(0.5 * density * widths, reach, wind)[0]
         at_places = air(position[1:][at_body], ends[at_body] / total)
-        on_bodies = (0.5 * density * areas * size_of(at_places))[:, None] * at_places
         attached = still.attached.copy()
-        np.add.at(attached, at_body, on_bodies)
+        np.add.at(attached, at_body, body_drag(0.5 * density * areas, at_places))
         loaded = still._replace(load=still.load + on_parts / still.length[:, None], attached=attached)
         total_drag = on_parts + attached - still.attached
         if np.abs(total_drag - before).max() <= DRAG_RTOL * np.abs(total_drag).max():

@@ -15,6 +15,7 @@ from cablepod.errors import SceneError, warn
 from cablepod.parameters._parameters import InWind, Parameters
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._wind_field import RECORD, check_above_ground, checked_field, field_of_record, key_of_record
+from cablepod.wind._drag import drag_of
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import across_of, direction_of, gusts
 
@@ -169,11 +170,6 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
 def density_of(p: InWind) -> float:
     """Return the density of the air [kg/m3]; that of a field without a table [wind] is usual."""
     return 1.25 if p.wind is None else float(p.wind["air_density"])
-
-
-def drag_of(p: Parameters, air_density: float) -> float:
-    """Return half the density of the air times drag coefficient and diameter [kg/m2]."""
-    return 0.5 * air_density * float(p.drag_coefficient) * float(p.diameter)
 
 
 def rest_points(p: Parameters) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,6 @@ from cablepod.wind._air import (
     SAMPLES_TOGETHER,
     ByKey,
     density_of,
-    drag_of,
     has_record,
     instants_until,
     key_of_wind,
@@ -31,6 +30,7 @@ from cablepod.wind._air import (
     turbulence_at,
     warn_of_other_mean,
 )
+from cablepod.wind._drag import drag_of
 from cablepod.wind._turbulence import direction_of
 
 #: Number of fields that are kept, as masts of one place share them.

@@ -1,0 +1,70 @@
+"""Compiled laws of the drag; :mod:`cablepod.wind._drag` has them for arrays, ``condensed/_kernels_drag.py`` in components."""
+
+from __future__ import annotations
+
+import math
+
+from cablepod._jit import FAST_DIVISION, compiled
+
+
+@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+def straight_drag(tx, ty, tz, ux, uy, uz):
+    """Return |t| |u_n| and u_n, the part normal to the cable of the relative velocity u of the air: a drag c |t| |u_n| u_n.
+
+    The cable is straight along t, whose size is its present length; tz and uz are None in the plane.
+    """
+    square, along = tx * tx + ty * ty, ux * tx + uy * ty
+    if tz is not None:
+        square += tz * tz
+        along += uz * tz
+    along /= square
+    ux -= along * tx
+    uy -= along * ty
+    speed_squared = ux * ux + uy * uy
+    if tz is not None:
+        uz -= along * tz
+        speed_squared += uz * uz
+    return math.sqrt(square * speed_squared), ux, uy, uz
+
+
+@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+def body_drag(b, ux, uy, uz):
+    """Return the drag b |u| u of a body in the relative velocity u of the air; uz is None in a plane."""
+    square = ux * ux + uy * uy
+    if uz is not None:
+        square += uz * uz
+    size = b * math.sqrt(square)
+    if uz is not None:
+        uz *= size
+    return size * ux, size * uy, uz
+
+
+@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+def relative_velocity(before, after, share, v, j):
+    """Return the velocity of the air at node j, at a place between two samples, less that of the node; z is 0 in the plane.
+
+    Parameters
+    ----------
+    before, after, v : float arrays (dims, N)
+        Samples of the air and velocities of the nodes [m/s].
+    share : float
+        Place between the samples.
+    j : int
+        Number of the node.
+    """
+    uz = 0.0
+    if v.shape[0] == 3:
+        uz = before[2, j] + share * (after[2, j] - before[2, j]) - v[2, j]
+    return (
+        before[0, j] + share * (after[0, j] - before[0, j]) - v[0, j],
+        before[1, j] + share * (after[1, j] - before[1, j]) - v[1, j],
+        uz,
+    )  # fmt: skip
+
+
+@compiled(counted=False, forceinline=True)
+def sample_at(place, samples):
+    """Return the sample before a place among a number of samples, and the share of the next one; the ends are held beyond."""
+    place = min(max(place, 0.0), samples - 1.0)
+    sample = min(int(place), samples - 2)
+    return sample, place - sample
