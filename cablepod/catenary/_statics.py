@@ -161,7 +161,12 @@ def _as_tensioned(p: Parameters, key: str, value: float, prefix: str) -> tuple[s
     """Return the length of a cable that was tensioned without ice, at the reference temperature; others as they are given."""
     if p.bare is None or prefix != "cable" or key == "unstretched_length":
         return key, value
-    return "unstretched_length", p.expansion * float(solve_statics(p.bare, key, value)[0])
+    return "unstretched_length", length_as_tensioned(p, key, value)
+
+
+def length_as_tensioned(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> float:
+    """Return the unstretched length [m] by a quantity without ice, at the reference temperature; others as of `solve_statics`."""
+    return float(p.expansion * solve_statics(p.bare or p, key, value, prefix=prefix)[0])
 
 
 def length_and_strain(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> tuple[float, float]:

@@ -1,17 +1,15 @@
-"""Arrays of a prepared model for the compiled steps of a host, and the static stiffness of its upper end."""
+"""Arrays of a prepared model for the compiled steps of a host."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from numbers import Real
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod.catenary._statics import LoadPlane, load_plane, solve_statics
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._air import CondensedAir, filled_up
 from cablepod.condensed._kernels_host_layout import HostAir, HostCoefficients
@@ -28,8 +26,6 @@ from cablepod.wind._air import air_of
 #: longer describes the cable; above, the strain exceeds the limit of scenes.
 CHORD_RANGE = (0.5, 11.0)
 CHORD_TURN_TEXT = "a chord that turns by at most a right angle in a step: the ends do not pass each other"
-#: Number of Gauss points of the static compliance (smooth in the angle of the tension, so that rounding remains).
-GAUSS_POINTS = 48
 #: Doubles in the order of bytes of this machine.
 DOUBLE = np.dtype(float)
 #: Motion that stands for an end moved by a host: the load pattern of its inertia belongs to the model.
@@ -207,75 +203,3 @@ def refusal(
         f"the prepared model {reason} at {time:.9g} s; it keeps its last accepted state, of "
         f"{accepted[layout.CLOCK, layout.TIME]:.9g} s; try a shorter step or, where the cable goes slack, chain.simulate"
     )
-
-
-@lru_cache
-def _gauss() -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
-
-
-def static_stiffness(p: Parameters, length: float, upper: np.ndarray) -> np.ndarray:
-    """Return the stiffness of the upper end of the elastic catenary (dims, dims) [N/m].
-
-    A force dF on the end moves a point of the cable by (I/K + (I - t t)/T) dF for each unit of unstretched length, with the
-    direction t of the tension T.  The integral over the length is the compliance.  Against the load V = H sinh u, so that the
-    second part is the integral of (I - t t)/q over u, smooth for every cable.
-
-    Parameters
-    ----------
-    p
-        Parameters of the scene; weight and uniform load act with their values at time 0.
-    length
-        Unstretched length [m].
-    upper
-        Position of the upper end (dims,) [m].
-    """
-    moved = replace(p, upper=upper, motions={})
-    plane = load_plane(moved)
-    _, _, force, mid, lower, top = solve_statics(moved, "unstretched_length", length)
-    low, high = mid - 0.5 * plane.load * length, mid + 0.5 * plane.load * length
-    elastic = length / p.stiffness
-    if plane.load * length <= 1e-12 * (lower + top):  # a straight spring
-        along = np.array([force, mid]) / np.hypot(force, mid)
-        geometric = length / np.hypot(force, mid)
-        return _stiffness(
-            plane, elastic * np.eye(2) + geometric * (np.eye(2) - np.outer(along, along)), elastic + geometric
-        )
-    if force <= 1e-12 * (lower + top):  # along the load
-        geometric = np.log(top / lower) / np.copysign(plane.load, low) if low * high > 0.0 else np.inf
-        return _stiffness(plane, np.diag([elastic + geometric, elastic]), elastic + geometric)
-    start = np.arcsinh(low / force)
-    # the difference of both angles, without cancellation where the cable is taut
-    angle = (
-        np.arcsinh(high / force) - start if low < 0.0 < high else 2.0 * np.arctanh(plane.load * length / (lower + top))
-    )
-    nodes, weights = _gauss()
-    u = start + angle * nodes
-    sine, cosine = np.tanh(u), 1.0 / np.cosh(u)
-    mixed = -angle / plane.load * (weights @ (sine * cosine))
-    compliance = np.array(
-        [
-            [elastic + angle / plane.load * (weights @ sine**2), mixed],
-            [mixed, elastic + angle / plane.load * (weights @ cosine**2)],
-        ]
-    )
-    return _stiffness(plane, compliance, elastic + angle / plane.load)
-
-
-def _stiffness(plane: LoadPlane, compliance: np.ndarray, normal: float) -> np.ndarray:
-    """Return the stiffness (dims, dims) of a compliance in the plane of chord and load (2, 2) and normal to it [m/N]."""
-    dims = plane.against.size
-    across = plane.across
-    if not across.any():  # the chord lies along the load: any direction across it
-        across = np.eye(dims)[int(np.argmin(np.abs(plane.against)))]
-        across = across - (across @ plane.against) * plane.against
-        across /= np.linalg.norm(across)
-    with np.errstate(divide="ignore"):
-        in_plane = np.linalg.inv(compliance) if np.isfinite(compliance).all() else np.diag(1.0 / np.diag(compliance))
-    basis = np.stack([across, plane.against])
-    result = basis.T @ in_plane @ basis
-    if dims == 3:
-        third = np.cross(across, plane.against)
-        result += np.outer(third, third) / normal
-    return 0.5 * (result + result.T)

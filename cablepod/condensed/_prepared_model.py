@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.catenary._end_stiffness import static_stiffness
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._fields import close_chord_of, link_tensions, positions_of
 from cablepod.condensed._host import (
@@ -17,7 +18,6 @@ from cablepod.condensed._host import (
     host_coefficients,
     initial_state,
     refusal,
-    static_stiffness,
     vector,
 )
 from cablepod.condensed._kernels_host_layout import HostCoefficients

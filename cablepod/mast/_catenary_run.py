@@ -11,11 +11,11 @@ from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, warn
 from cablepod.mast._breaks import steps_of_breaks
 from cablepod.mast._drive import drive_of
-from cablepod.mast._guys import GuyStatics, StaticGuy
 from cablepod.mast._kernels_layout import GuyEnds, StaticTerms, StaticWind
 from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory
+from cablepod.mast._static_guys import GuyStatics, StaticGuy
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import refined
 from cablepod.wind._drag import drag_of

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError
-from cablepod.mast._guys import GuyStatics, StaticGuy
+from cablepod.mast._static_guys import GuyStatics, StaticGuy
 
 #: Intervals of the quadrature along a guy, and points of each.
 INTERVALS, GAUSS_POINTS = 40, 6

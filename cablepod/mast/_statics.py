@@ -10,7 +10,7 @@ import numpy as np
 from cablepod.errors import SceneError
 from cablepod.mast._beam import Beam, beam_of
 from cablepod.mast._drag import MastDrag, drag_of_mast
-from cablepod.mast._guys import GuyStatics, StaticGuy, static_guys, with_mean_drag
+from cablepod.mast._static_guys import GuyStatics, StaticGuy, static_guys, with_mean_drag
 from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_notes import mast_hint
 from cablepod.wind._mast_air import MastAir

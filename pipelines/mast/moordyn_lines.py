@@ -27,7 +27,7 @@ from _study import command_line, markdown_table, show_table
 import cablepod as cp
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of
-from cablepod.mast._guys import StaticGuy
+from cablepod.mast._static_guys import StaticGuy
 from cablepod.mast._statics import rest_of
 from cablepod.parameters._mast import mast_parameters
 

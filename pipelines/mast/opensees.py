@@ -29,7 +29,7 @@ import cablepod as cp
 from cablepod import examples
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of
-from cablepod.mast._guys import StaticGuy
+from cablepod.mast._static_guys import StaticGuy
 from cablepod.mast._statics import MastRest, rest_of
 from cablepod.parameters._mast import mast_parameters
 

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import STRAIGHT, curved_stiffness, static_stiffness
 from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
 from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
-from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
-from cablepod.condensed._host import _gauss, static_stiffness
+from cablepod.catenary._statics import length_as_tensioned, load_plane, solve_catenaries, solve_statics
 from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
 from cablepod.parameters._guys import Guy
@@ -131,33 +131,15 @@ class GuyStatics:
         return np.linalg.norm(self._end_forces, axis=2)
 
     def stiffness(self) -> np.ndarray:
-        """Return the stiffness of the upper ends (guys, 3, 3) [N/m], as :func:`cablepod.condensed._host.static_stiffness`."""
+        """Return the stiffness of the upper ends (guys, 3, 3) [N/m], as :mod:`cablepod.catenary._end_stiffness`."""
         result = np.empty((len(self._guys), 3, 3))
-        _, _, force, middle, lower, top = self.solved.T
-        hanging = self.loads * self.lengths
-        curved = (hanging > 1e-12 * (lower + top)) & (force > 1e-12 * (lower + top))
+        force, least = self.solved[:, 2], STRAIGHT * self.solved[:, 4:].sum(axis=1)
+        curved = (self.loads * self.lengths > least) & (force > least)
         for g in np.flatnonzero(~curved).tolist():  # straight, slack, along the load, or of pieces
             hung = self._hung.get(g)
             result[g] = self._guys[g].at(self._upper[g]).stiffness() if hung is None else end_stiffness(hung)
-        force, hanging, load = force[curved], hanging[curved], self.loads[curved]
-        low, high = middle[curved] - 0.5 * hanging, middle[curved] + 0.5 * hanging
-        start = np.arcsinh(low / force)
-        ratio = np.minimum(hanging / (lower + top)[curved], 1.0 - 1e-16)
-        angle = np.where((low < 0.0) & (high > 0.0), np.arcsinh(high / force) - start, 2.0 * np.arctanh(ratio))
-        places, weights = _gauss()
-        u = start[:, None] + angle[:, None] * places
-        sine, cosine = np.tanh(u), 1.0 / np.cosh(u)
-        part, elastic = angle / load, (self.lengths / self._spring)[curved]
-        mixed = -part * ((sine * cosine) @ weights)
-        a, b = elastic + part * (sine**2 @ weights), elastic + part * (cosine**2 @ weights)
-        inverse = 1.0 / (a * b - mixed * mixed)
-        across, against = self._across[curved], self._against[curved]
-        third = np.cross(across, against)
-        terms = (
-            (b * inverse, across, across), (-mixed * inverse, across, against), (-mixed * inverse, against, across),
-            (a * inverse, against, against), (1.0 / (elastic + part), third, third),
-        )  # fmt: skip
-        result[curved] = sum(k[:, None, None] * first[:, :, None] * second[:, None, :] for k, first, second in terms)
+        each = self._across, self._against, self.solved, self.loads, self.lengths, self.lengths / self._spring
+        result[curved] = curved_stiffness(*(values[curved] for values in each))
         return result
 
 
@@ -176,8 +158,8 @@ def unstretched_length_of(guy: Guy) -> float:
 
     It follows from its tension on the straight mast in still air without ice, at the reference temperature.
     """
-    bare = guy.p if guy.p.bare is None else guy.p.bare
-    return float(guy.p.expansion * solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)[0])
+    given = guy.p.bare or guy.p
+    return length_as_tensioned(guy.p, given.length_key, given.length_value, prefix=guy.key)
 
 
 def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | None = None) -> list[StaticGuy]:
