@@ -15,7 +15,7 @@ from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
-from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
+from cablepod.discretisation._laws import LAWS, green_secant, linear_secant, tangent_stiffness_ratio
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._nonuniform import SAME_PLACE, attachment_fractions
@@ -198,14 +198,10 @@ class SpectralMesh(LumpedChain):
         if self.green:
             s = green_secant(squares, stiffness)
             return s * np.sqrt(squares), s[..., None] * g
-        stretch = np.sqrt(squares)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = stiffness * (1.0 - 1.0 / stretch)
-            total = s
-            if velocity is not None and self.p.link_viscosity is not None:
-                g_dot = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
-                total = s + self.p.link_viscosity * stiffness * np.sum(g * g_dot, axis=-1) / squares
-        s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
+        stretch, rate = np.sqrt(squares), None
+        if velocity is not None and self.p.link_viscosity is not None:
+            rate = np.sum(g * np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :]), axis=-1)
+        s = linear_secant(stretch, 1.0, stiffness, self.p.link_viscosity, rate)
         return s * stretch, s[..., None] * g
 
     # --- output particles ---

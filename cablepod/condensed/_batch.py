@@ -26,7 +26,7 @@ from cablepod.condensed._rescale import MemberStates, rescale_coefficients, resc
 from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import normals_at_start
 from cablepod.discretisation._mass_damping import decay_and_impulse
-from cablepod.discretisation._step_limit import largest_frequencies_squared
+from cablepod.discretisation._step_limit import largest_frequencies_squared, verlet_step_limit
 from cablepod.errors import SceneError
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within, window_attributes
@@ -223,7 +223,7 @@ class MemberCoefficients:
         f, _ = forces(q, everyone, now)
         norms, kappa = scaled.named["geometric_stiffness_norms"], self.terms.kappa
         stiffness = 2.0 * self.terms.sag_stiffness[:, 0]
-        limit = 2.0 / np.sqrt(largest_frequencies_squared(kappa, norms, stiffness, q, now, chord_tension))
+        limit = verlet_step_limit(np.sqrt(largest_frequencies_squared(kappa, norms, stiffness, q, now, chord_tension)))
         v = np.zeros_like(q)
         if parameters.motions:
             # the particles are at rest, the chord frame moves: its velocity is projected as its acceleration is

@@ -17,6 +17,7 @@ from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MONITOR_ROWS, 
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.discretisation._chord_frame import MAX_COSINE
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
@@ -192,7 +193,7 @@ def refusal(
         allowed = f"a chord away from the direction {normal.tolist()}, which its normals refer to"
         return scene_error("end_position", end.tolist(), allowed)
     if status == layout.STEP_ABOVE_LIMIT:
-        limit = 2.0 / np.sqrt(accepted[layout.MONITOR, MAX_OMEGA_SQUARED])
+        limit = verlet_step_limit(np.sqrt(accepted[layout.MONITOR, MAX_OMEGA_SQUARED]))
         return scene_error("step", step, f"below the stability limit of the present state, {limit:.6g} s")
     reason = {
         layout.NO_EQUILIBRIUM: "found no equilibrium along the chord",

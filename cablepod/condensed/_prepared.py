@@ -12,6 +12,7 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
 from cablepod.discretisation._modal_damping import refuse_damping_ratios
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._particle_air import OF_DRAG
@@ -112,7 +113,7 @@ def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order
     model = model_of(with_moving_end(p), modes, rank=rank, order=order, law="linear")
     q, v = model.initial()
     tension = model.force(q, v, model.static_boundary_data)[2]
-    return model, float(2.0 / np.sqrt(model.omega_max_squared(q, model.static_boundary_data, tension)))
+    return model, float(verlet_step_limit(np.sqrt(model.omega_max_squared(q, model.static_boundary_data, tension))))
 
 
 def _check_scene(p: Parameters) -> None:

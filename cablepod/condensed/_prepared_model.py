@@ -26,6 +26,7 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import ROUNDING, check_coefficients, checked_state, dataset_of
 from cablepod.condensed._prepared_run import OUTPUTS, PreparedRun, run
 from cablepod.condensed._simulate import check_links
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_outputs, check_positive, check_step
@@ -253,7 +254,9 @@ class PreparedModel:
     @property
     def step_limit(self) -> float:
         """Stability limit of the steps from the accepted state [s]."""
-        return min(float(2.0 / np.sqrt(self._accepted[layout.MONITOR, MAX_OMEGA_SQUARED])), self._drag_limit)
+        return min(
+            float(verlet_step_limit(np.sqrt(self._accepted[layout.MONITOR, MAX_OMEGA_SQUARED]))), self._drag_limit
+        )
 
     @property
     def smallest_chordwise_force(self) -> float:

@@ -24,6 +24,7 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import padded
 from cablepod.condensed._runs import SCHEMES, CondensedRun, initial_state
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_resolved, check_step, check_times
 from cablepod.reduced._validity import CHECKS, check_forcing, forcing_attributes
@@ -66,7 +67,9 @@ def run(
     omega_squared = model.omega_max_squared(start.q, model.initial_boundary_data, start.chord_tension)
     if step * step * omega_squared >= 4.0:
         omega = math.sqrt(omega_squared)
-        check_step(step, 2.0 / omega, f"2 over the highest angular frequency of this run, {omega:.6g} rad/s")
+        check_step(
+            step, verlet_step_limit(omega), f"2 over the highest angular frequency of this run, {omega:.6g} rad/s"
+        )
     if air is not None:
         check_step(step, air.step_limit, OF_DRAG)
     state = CondensedRun(model, start, SCHEMES[0], air=air, times=times, outputs=())(1.0 / step)

@@ -101,7 +101,7 @@ def solve(
         model = air.model
     start, end_time = initial_state(model, air), float(times[-1])
     omega_squared = model.omega_max_squared(start.q, model.initial_boundary_data, start.chord_tension)
-    limit = 2.0 / math.sqrt(omega_squared)
+    limit = verlet_step_limit(math.sqrt(omega_squared))
     scheme, step = request.scheme, request.step
     fits = step is None and request.given_tolerance is None
     estimates = "error_estimate" in request.outputs
@@ -188,7 +188,7 @@ def taut_limit(chord_tension: Any, kappa: Any) -> Any:
 
     `kappa` is the largest squared slope norm.
     """
-    return 2.0 / np.sqrt(np.maximum(np.abs(chord_tension) * kappa, 1e-300))
+    return verlet_step_limit(np.sqrt(np.maximum(np.abs(chord_tension) * kappa, 1e-300)))
 
 
 def suits_fourth_order(limit: Any, of_tension: Any, damping: Any, omega_squared: Any) -> Any:

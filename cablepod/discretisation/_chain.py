@@ -10,7 +10,13 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
-from cablepod.discretisation._laws import LAWS, green_secant, strain_energy_density, tangent_stiffness_ratio
+from cablepod.discretisation._laws import (
+    LAWS,
+    green_secant,
+    linear_secant,
+    strain_energy_density,
+    tangent_stiffness_ratio,
+)
 from cablepod.discretisation._nonuniform import (
     compliances,
     lengths_between_attachments,
@@ -239,13 +245,10 @@ class LumpedChain:
             secant = green_secant(squares * inverse, self.k)
             return secant * np.sqrt(squares), self._with_tension_damping(secant, reach, velocity)
         stretched = np.sqrt(square(reach))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            elastic = self.k * (1.0 - self.length / stretched)
-            total = elastic
-            if velocity is not None and self.p.link_viscosity is not None:
-                reach_times_rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
-                total = elastic + self.p.link_viscosity * self.k * reach_times_rate / stretched**2
-        secant = np.where((elastic > 0.0) & (total > 0.0), total, 0.0)
+        rate = None
+        if velocity is not None and self.p.link_viscosity is not None:
+            rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
+        secant = linear_secant(stretched, self.length, self.k, self.p.link_viscosity, rate)
         return secant * stretched, self._with_tension_damping(secant, reach, velocity)
 
     def _with_tension_damping(self, secant: np.ndarray, reach: np.ndarray, velocity: np.ndarray | None) -> np.ndarray:

@@ -51,6 +51,26 @@ def green_secant(squared_stretch: Any, stiffness: Any) -> Any:
     return 0.5 * stiffness * (squared_stretch - 1.0)
 
 
+def linear_secant(
+    stretched: np.ndarray, length: Any, stiffness: Any, viscosity: float | None = None, rate: np.ndarray | None = None
+) -> np.ndarray:
+    """Return T / xi of law "linear" in the units of `stiffness`; 0 where a link is slack, or shortens so fast that T would push.
+
+    Parameters
+    ----------
+    stretched, length
+        Present and unstretched lengths of links.
+    stiffness
+        Axial stiffness over `length` or not.
+    viscosity, rate
+        Damping force per axial stiffness and strain rate [s]; product of each link's vector and its rate.  None without.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        elastic = stiffness * (1.0 - length / stretched)
+        total = elastic if rate is None else elastic + viscosity * stiffness * rate / (stretched * stretched)
+    return np.where((elastic > 0.0) & (total > 0.0), total, 0.0)
+
+
 def tangent_stiffness_ratio(squared_stretch: Any) -> Any:
     """Return max(1, (3 xi^2 - 1) / 2), (dT/dxi) / K of law "green"; a compressed link returns through xi = 1."""
     return np.maximum(1.0, 1.5 * squared_stretch - 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -39,8 +40,8 @@ def highest_axial_frequency(
     return math.sqrt(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(top, top))[0])
 
 
-def verlet_step_limit(omega: float, viscosity: float | None) -> float:
-    """Return the critical time step of velocity Verlet [s]: 2 over the highest frequency, less with viscous links.
+def verlet_step_limit(omega: Any, viscosity: float | None = None) -> Any:
+    """Return the critical time step of velocity Verlet [s]: 2 over the highest frequency; less with viscous links.
 
     Damping by mass is integrated exactly and only increases the limit.
     """

@@ -13,6 +13,7 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, law_of
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import NotConvergedWarning, warn
 from cablepod.galerkin._assembly import model_of
 from cablepod.galerkin._estimate import estimate_of
@@ -166,7 +167,7 @@ def simulate(
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     squared = model.initial_vibrations[0][-1]
     # few modes may have no stiffness at the start, but they are never stiffer than the chain
-    limit = 2.0 / math.sqrt(squared) if squared > 0.0 else model.chain.step_limit()
+    limit = verlet_step_limit(math.sqrt(squared)) if squared > 0.0 else model.chain.step_limit()
     estimate = estimate_of(model, float(instants[-1]), law_of(modes.attrs) or LAWS[0])
     wanted = "error_estimate" in request.outputs
     runs: dict[str, GalerkinRun] = {

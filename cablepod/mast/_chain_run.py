@@ -11,6 +11,7 @@ from cablepod.chain._air import ChainAir
 from cablepod.chain._attached import AttachedForces
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
 from cablepod.mast._breaks import steps_of_breaks
 from cablepod.mast._drive import drive_of
@@ -87,7 +88,7 @@ class ChainGuys:
     def step_limit(self) -> float:
         """Stability limit of links, mast, and drag on the guys [s]."""
         limits = [chain.step_limit() for chain in self.chains]
-        return min([*limits, 2.0 / float(self.mast.omega[-1]), drag_step_limit(self.drag_rate)])
+        return min([*limits, verlet_step_limit(float(self.mast.omega[-1])), drag_step_limit(self.drag_rate)])
 
     @cached_property
     def drag_rate(self) -> float:
