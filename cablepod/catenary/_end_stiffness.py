@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -66,9 +67,9 @@ def curved_stiffness(
     across: np.ndarray,
     against: np.ndarray,
     solved: np.ndarray,
-    load: np.ndarray,
-    length: np.ndarray,
-    elastic: np.ndarray,
+    load: Any,
+    length: Any,
+    elastic: Any,
 ) -> np.ndarray:
     """Return the stiffness of the upper ends of curved catenaries (..., dims, dims) [N/m].
 
@@ -98,7 +99,7 @@ def curved_stiffness(
     return _in_space(across, against, np.linalg.inv(np.moveaxis(compliance, (0, 1), (-2, -1))), elastic + part)
 
 
-def _in_space(across: np.ndarray, against: np.ndarray, in_plane: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _in_space(across: np.ndarray, against: np.ndarray, in_plane: np.ndarray, normal: Any) -> np.ndarray:
     """Return the stiffness (..., dims, dims) of one in the plane of the load (..., 2, 2) [N/m] and a compliance normal to it."""
     basis = np.stack([across, against], axis=-2)
     result = np.swapaxes(basis, -1, -2) @ in_plane @ basis
