@@ -33,15 +33,7 @@ SERIES = (210.0, 156.0, 110.0, 72.0, 42.0, 20.0)
 
 
 def irvine_parameter(normal_load: Any, length: Any, tension: Any, stiffness: Any) -> Any:
-    """Return Irvine's lambda squared (q_n L0 / T)^2 K / T: softening of a taut cable by its sag; arguments of any shapes.
-
-    Parameters
-    ----------
-    normal_load
-        Load per unstretched length normal to the chord [N/m].
-    length, tension, stiffness
-        Unstretched length [m], mean tension [N], axial stiffness [N].
-    """
+    """Return Irvine's lambda squared (q_n L0 / T)^2 K / T, for the load normal to the chord q_n [N/m] and the mean tension T."""
     return (normal_load * length / tension) ** 2 * stiffness / tension
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.wind._air import CableAir, density_of, refined
-from cablepod.wind._drag_rate import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
+from cablepod.wind._drag import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
 
 #: Maximum number of explicit steps from one evaluation of the drag to the next.
 MAX_HOLD = 16

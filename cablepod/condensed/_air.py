@@ -16,9 +16,9 @@ from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.wind._air import CableAir, density_of, refined
-from cablepod.wind._drag import body_drag
-from cablepod.wind._drag_rate import (
+from cablepod.wind._drag import (
     TENSION_MARGIN,
+    body_drag,
     drag_rate,
     drag_step_limit,
     largest_speed,

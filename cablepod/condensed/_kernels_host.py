@@ -101,6 +101,7 @@ from cablepod.condensed._kernels_layout import (
     Sizes,
 )
 from cablepod.condensed._kernels_recorder import _monitor_step
+from cablepod.wind._kernels_drag import sample_at
 
 #: The number of load patterns as a constant of the compiled code, see :class:`cablepod.condensed._kernels_layout.Sizes`.
 TWO_PATTERNS = (0,) * PATTERNS
@@ -300,10 +301,8 @@ def _add_air(air, coefficients, accepted, trial, end_velocity, step, q, f):
     weight = 0.5 * step / between if between > 0.0 else 0.0
     for i in range(r):
         rates[i] = trial[RATES, i] + weight * (trial[RATES, i] - accepted[RATES, i])
-    samples = air.velocity.shape[0]
-    place = min(max(trial[CLOCK, TIME] * air.samples_per_second, 0.0), samples - 1.0)
-    sample = min(int(place), samples - 2)
-    share, first = place - sample, AIR_VELOCITY
+    sample, share = sample_at(trial[CLOCK, TIME] * air.samples_per_second, air.velocity.shape[0])
+    first = AIR_VELOCITY
     for g in range(points):
         for k in range(dims):
             total = 0.0

@@ -23,7 +23,7 @@ from cablepod.parameters._ice import ice_thickness
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._warnings import warn_of_unusual
-from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
+from cablepod.wind._drag import STEP_OVER_DRAG_LIMIT
 
 #: Order of prepared models.
 ORDER = "leading"

@@ -29,7 +29,7 @@ from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._run import Run
 from cablepod.integrate._step_control import fit_step, refine_step
 from cablepod.wind._air import air_of
-from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
+from cablepod.wind._drag import STEP_OVER_DRAG_LIMIT
 
 SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
 #: Schemes by order of the model.

@@ -56,14 +56,7 @@ def linear_secant(
 ) -> np.ndarray:
     """Return T / xi of law "linear" in the units of `stiffness`; 0 where a link is slack, or shortens so fast that T would push.
 
-    Parameters
-    ----------
-    stretched, length
-        Present and unstretched lengths of links.
-    stiffness
-        Axial stiffness over `length` or not.
-    viscosity, rate
-        Damping force per axial stiffness and strain rate [s]; product of each link's vector and its rate.  None without.
+    `rate` is the inner product of each link's vector, of the length `stretched`, and its rate; None without `viscosity` [s].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         elastic = stiffness * (1.0 - length / stretched)

@@ -332,9 +332,7 @@ class GalerkinModel:
     def _composition(self) -> np.ndarray:
         """Fields of the amplitudes, then of both ends along each axis (modes + 2 dims, particle dims)."""
         dims = self.chain.p.dims
-        lines = np.zeros((2, dims, self.sigma.size, dims))
-        for c in range(dims):
-            lines[:, c, :, c] = weights_of_ends(self.sigma)
+        lines = np.einsum("ep,cd->ecpd", weights_of_ends(self.sigma), np.eye(dims))
         return np.concatenate([self.fields.reshape(len(self.modes), -1), lines.reshape(2 * dims, -1)])
 
     def velocities(self, rates: np.ndarray, time: np.ndarray) -> np.ndarray:

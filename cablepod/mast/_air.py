@@ -1,14 +1,17 @@
-"""Air on a mast and its guys as arrays for the kernels, kept as long as the air is."""
+"""Loads and air on a mast and its guys as arrays for the kernels; those of the air are kept as long as it is."""
 
 from __future__ import annotations
 
 import threading
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from cablepod.mast._drag import MastDrag
-from cablepod.mast._kernels_layout import NODES_TOGETHER
+from cablepod.mast._kernels_layout import NODES_TOGETHER, TAPS, Loads, MastWind
+from cablepod.mast._model import ModalMast
+from cablepod.mast._request import MastRequest
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS
 from cablepod.wind._air import MIN_REFINED, REFINEMENT, SAMPLES_TOGETHER, refined
 from cablepod.wind._mast_air import KEPT_FIELDS, MastAir
@@ -96,3 +99,38 @@ def to_gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             lagrange[g] *= (sigma - other) / (node - other)
     hats = np.maximum(0.0, 1.0 - np.abs(sigma[:, None] - knots) * (GUY_POINTS - 1))
     return places, weights, (lagrange * parts) @ hats / weights[:, None]
+
+
+class Drive(NamedTuple):
+    """Loads and air of a run."""
+
+    constant: np.ndarray  #: modal forces that balance loads and drag on the mast at rest (modes,)
+    loads: Loads
+    wind: MastWind | None  #: None in still air
+
+    @property
+    def refined_samples_per_step(self) -> float:
+        """Samples of :func:`cablepod.wind._air.refined` velocities in a step."""
+        return 0.0 if self.wind is None else self.wind.samples_per_step * len(self.wind.table)
+
+
+def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Drive:
+    """Make the arrays of a run."""
+    factors, modes = request.factors(mast.rest.p.loads), len(mast.omega)
+    loads = Loads(mast.load_vectors if len(factors) else np.empty((0, modes)), factors)
+    constant = -factors[:, 0] @ loads.vectors
+    if air is None:
+        return Drive(constant, loads, None)
+    height, of_mast = mast.rest.beam.height, mast.rest.drag
+    drag, by_modes = 0.5 * air.density * of_mast.areas, of_mast.rows @ mast.modes
+    constant -= np.einsum("nd,nda->a", of_mast.at_rest, by_modes)
+    velocity = at_nodes(air, of_mast)  # the foot carries no drag
+    nodes = velocity.shape[1] // 2
+    rows = np.zeros((2, nodes, modes))
+    rows[:, : height.size - 1] = np.swapaxes(by_modes[1:], 0, 1)
+    wind = MastWind(
+        request.step * air.samples_per_second, time_weights(len(velocity)), velocity,
+        np.ascontiguousarray(np.swapaxes(rows, 1, 2)), rows, np.pad(drag[1:], (0, nodes - drag.size + 1)), np.zeros(TAPS),
+        np.zeros(2 * nodes), np.zeros(nodes), np.zeros(nodes), np.zeros(modes),
+    )  # fmt: skip
+    return Drive(constant, loads, wind)

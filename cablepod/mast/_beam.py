@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cablepod.errors import OutOfRangeWarning, warn
 from cablepod.parameters._mast import MastParameters
 
 #: Points of Gauss quadrature of an element: products of cubic shapes with a linear axial force are exact.
@@ -17,6 +18,8 @@ GAUSS_POINTS = 4
 BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
 #: Directions of the displacement: x and z.
 DIRECTIONS = (0, 2)
+#: Slope of the mast above which it is not small: its square is about the relative error of the beam's equations.
+LARGE_SLOPE = 0.1
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -263,3 +266,21 @@ def hermite(xi: np.ndarray, length: float, derivative: int) -> np.ndarray:
     else:
         rows = [(12 * x - 6) / s**2, (6 * x - 4) / s, (6 - 12 * x) / s**2, (6 * x - 2) / s]
     return np.array(rows)
+
+
+def slopes_of(beam: Beam, displacement: np.ndarray) -> np.ndarray:
+    """Return the mean slopes of the elements for displacements of the nodes (nodes, 2, ...) [m]: (elements, 2, ...)."""
+    return np.diff(displacement, axis=0) / beam.length.reshape(-1, *[1] * (displacement.ndim - 1))
+
+
+def warn_of_slopes(beam: Beam, slopes: np.ndarray, times: np.ndarray | None = None) -> None:
+    """Warn of slopes (instants, elements, 2) that are not small, at instants [s] or at rest."""
+    squares = np.einsum("tnd,tnd->tn", slopes, slopes)
+    at, element = np.unravel_index(int(squares.argmax()), squares.shape)
+    if (largest := float(np.sqrt(squares[at, element]))) > LARGE_SLOPE:
+        instant = "at rest" if times is None else f"at {times[at]:.6g} s"
+        warn(
+            f"the mast slopes by {largest:.3g} (above {LARGE_SLOPE:g}) {instant}, {beam.height[element]:.4g} m above its foot: "
+            f"its equations hold for small slopes and err by about their square, {largest**2:.0%}; check guys and loads",
+            OutOfRangeWarning,
+        )

@@ -9,8 +9,8 @@ import numpy as np
 
 from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, warn
+from cablepod.mast._air import drive_of
 from cablepod.mast._breaks import steps_of_breaks
-from cablepod.mast._drive import drive_of
 from cablepod.mast._kernels_layout import GuyEnds, StaticTerms, StaticWind
 from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast

@@ -13,8 +13,8 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
+from cablepod.mast._air import drive_of
 from cablepod.mast._breaks import steps_of_breaks
-from cablepod.mast._drive import drive_of
 from cablepod.mast._kernels_layout import (
     BODY,
     DRAG,
@@ -32,8 +32,7 @@ from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, refined
-from cablepod.wind._drag import drag_of
-from cablepod.wind._drag_rate import drag_step_limit
+from cablepod.wind._drag import drag_of, drag_step_limit
 from cablepod.wind._mast_air import MastAir
 
 #: Step over the stability limit of the links: a chain that goes slack and taut again breaks down near 1.

@@ -15,12 +15,11 @@ from cablepod.mast._beam import kept
 from cablepod.mast._breaks import broken_at_outputs, steps_of_breaks
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
 from cablepod.mast._condensed_lanes import Lanes
-from cablepod.mast._drive import Drive, drive_of
 from cablepod.mast._kernels_layout import CondensedScheme, CondensedState, GuyEnds
 from cablepod.mast._march import constant_forces, march
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared, with_guys
 from cablepod.mast._request import MastRequest, MastTrajectory
-from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT, drag_step_limit
+from cablepod.wind._drag import STEP_OVER_DRAG_LIMIT, drag_step_limit
 from cablepod.wind._mast_air import MastAir, mean_mast_air
 
 #: Gauss points of the drag beyond the number of modes.

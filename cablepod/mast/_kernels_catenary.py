@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.wind._kernels_drag import sample_at
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -35,9 +36,7 @@ def _static_forces(k, static, guys, mast, wind):
         guys.force[2, g] = pull * z
         guys.tension[g] = math.sqrt(pull * pull * (x * x + z * z) + vertical * vertical)
         if wind is not None:
-            samples = wind.reaction.shape[0]
-            at = min(max(k * wind.samples_per_step, 0.0), samples - 1.0)
-            sample = min(int(at), samples - 2)
+            sample, share = sample_at(k * wind.samples_per_step, wind.reaction.shape[0])
             for d in range(2):
                 low, high = wind.reaction[sample, g, d], wind.reaction[sample + 1, g, d]
-                guys.force[2 * d, g] += low + (at - sample) * (high - low)
+                guys.force[2 * d, g] += low + share * (high - low)

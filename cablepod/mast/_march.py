@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.mast._drive import Drive
+from cablepod.mast._air import Drive
 from cablepod.mast._kernels_layout import Beam, BeamState, Extremes, GuyEnds, MastRecord, Pace
 from cablepod.mast._model import ModalMast, StepMatrices
 from cablepod.mast._request import MastRequest, MastTrajectory

@@ -15,8 +15,8 @@ from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_notes import mast_hint
 from cablepod.wind._mast_air import MastAir
 
-#: Maximum number of Newton iterations, and the last correction over the height.
-MAX_ITERATIONS, RTOL = 60, 1e-13
+#: Maximum number of Newton iterations, the last correction over the height, and that below which it may stop to fall by rounding.
+MAX_ITERATIONS, RTOL, ROUNDED = 60, 1e-13, 1e-10
 #: Largest displacement of an iterate over the height: beyond, the equations for small slopes do not hold.
 MAX_DEFLECTION = 0.2
 
@@ -173,7 +173,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     unknowns = np.zeros(beam.count)
     upright = _at(p, drag, straight, guys, unknowns, load)
     check_buckling(upright)
-    rest = upright
+    rest, last = upright, np.inf
     for _ in range(MAX_ITERATIONS):
         out = load - rest.mast_stiffness @ unknowns + np.einsum("gi,gia->a", rest.force[:, [0, 2]], rows)
         change = np.linalg.solve(rest.stiffness, out)
@@ -182,9 +182,11 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
         if not moved < MAX_DEFLECTION * p.height:
             break
         rest = _at(p, drag, straight, guys, unknowns, load)
-        if np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) <= RTOL * p.height:
+        correction = np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) / p.height
+        if correction <= RTOL or ROUNDED > correction >= last:
             check_buckling(rest)
             return rest
+        last = correction
     raise SceneError(
         f"mast: no rest found with displacements below {MAX_DEFLECTION:g} of the height; allowed: loads and wind that mast and "
         f"guys carry{mast_hint(p)}"

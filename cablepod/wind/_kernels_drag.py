@@ -41,17 +41,7 @@ def body_drag(b, ux, uy, uz):
 
 @compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def relative_velocity(before, after, share, v, j):
-    """Return the velocity of the air at node j, at a place between two samples, less that of the node; z is 0 in the plane.
-
-    Parameters
-    ----------
-    before, after, v : float arrays (dims, N)
-        Samples of the air and velocities of the nodes [m/s].
-    share : float
-        Place between the samples.
-    j : int
-        Number of the node.
-    """
+    """Return the velocity of the air between two samples, less that of node j, of v (dims, N); z is 0 in the plane."""
     uz = 0.0
     if v.shape[0] == 3:
         uz = before[2, j] + share * (after[2, j] - before[2, j]) - v[2, j]
