@@ -64,12 +64,7 @@ def static_stiffness(p: Parameters, length: float, upper: np.ndarray) -> np.ndar
 
 
 def curved_stiffness(
-    across: np.ndarray,
-    against: np.ndarray,
-    solved: np.ndarray,
-    load: Any,
-    length: Any,
-    elastic: Any,
+    across: np.ndarray, against: np.ndarray, solved: np.ndarray, load: Any, length: Any, elastic: Any
 ) -> np.ndarray:
     """Return the stiffness of the upper ends of curved catenaries (..., dims, dims) [N/m].
 

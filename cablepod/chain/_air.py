@@ -27,13 +27,8 @@ class ChainAir:
     air: CableAir
     max_hold: ClassVar[int] = MAX_HOLD  #: maximum number of explicit steps from one evaluation of the drag to the next
 
-    @property
-    def velocity(self) -> np.ndarray:
-        """Velocity of the air (samples, dims, n + 1) [m/s]."""
-        return self._velocity
-
     @cached_property
-    def _velocity(self) -> np.ndarray:
+    def velocity(self) -> np.ndarray:
         """Velocity of the air (samples, dims, n + 1) [m/s]."""
         at_particles = self.air.at(self.chain.arc_length / self.chain.total_length)
         return refined(np.moveaxis(at_particles, 1, 2))
