@@ -127,10 +127,8 @@ def add_bodies(v, wind, place, bodies, force, scale, own):
 
     Parameters
     ----------
-    v : float array (dims, n + 1)
-        Velocities [m/s].
-    wind, place : float array (samples, dims, n + 1), float
-        Velocity of the air at the particles [m/s]; place between the samples.
+    v, wind, place
+        As in :func:`cablepod.chain._kernels_drag.drag_forces`.
     bodies : float array (n + 1,)
         Half the density of the air times drag area b [kg/m]; 0 at held particles.
     force : float array (dims, n + 1)

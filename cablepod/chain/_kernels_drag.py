@@ -21,10 +21,8 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
     ----------
     x, v : float arrays (dims, n + 1)
         Positions [m] and velocities [m/s].
-    wind : float array (samples, dims, n + 1)
-        Velocity of the air at the particles [m/s], linear between the samples.
-    place : float
-        Place between the samples.
+    wind, place : float array (samples, dims, n + 1), float
+        Velocity of the air at the particles [m/s], linear between the samples; place between these.
     drag : float array (n + 1,)
         Half the density of the air times drag coefficient and diameter at the particles [kg/m2].
     first, last : int
@@ -102,22 +100,10 @@ def _subtract(count, share, before, after, v, u):
 
 @compiled(noalias=True, counted=False, literal=False, forceinline=True)
 def _resist(count, half_drag, per_mass, x, ux, y, uy, z, uz):
-    """Replace relative velocities by the velocity increments by drag in a step: c |t| |u_n| u_n / 2 per mass times the step.
+    """Replace relative velocities u of `count` particles by their increments in a step by the drag, of half of the line t.
 
-    t is the vector between the neighbours, and u_n the part of the relative velocity u normal to it.
-
-    Parameters
-    ----------
-    count : int
-        Number of particles.
-    half_drag : float
-        Half of c [kg/m2].
-    per_mass : float array (count,)
-        Step over mass [s/kg].
-    x, y, z : float arrays (count + 2,)
-        Coordinates of the particles, from the one before the first to the one after the last [m]; z None in the plane.
-    ux, uy, uz : float arrays (count,)
-        Relative velocities; replaced by the increments [m/s].
+    t is the vector between the neighbours; x, y, z begin with the particle before the first one, and z is None in
+    the plane; `half_drag` is half of c [kg/m2], `per_mass` the step over the mass [s/kg].
     """
     for j in range(count):
         tz, wz = None, None
