@@ -15,8 +15,7 @@ from matplotlib.image import imread
 from PIL import Image
 from results import make_modes, make_scene, make_trajectory
 
-from cablepod.archive import ArchiveError, _checked, write
-from cablepod.archive import _attributes as attributes
+from cablepod.archive import ArchiveError, _checked, _program, write
 from cablepod.archive import _folded as folded
 from cablepod.archive._figure import write_figure
 
@@ -109,16 +108,16 @@ def test_a_folded_crc_sees_what_changes(size):
 
 
 def test_commit_is_that_of_the_checkout_and_absent_without_one(tmp_path, monkeypatch):
-    assert attributes._commit(tmp_path) is None
+    assert _program.commit_of(tmp_path) is None
     (tmp_path / "file").write_text("1")
     who = ["-c", "user.name=n", "-c", "user.email=e@example.org", "-c", "commit.gpgsign=false"]
     for command in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "one"]):
         assert subprocess.run(["git", *command], cwd=tmp_path, capture_output=True).returncode == 0
-    commit = attributes._commit(tmp_path)
+    commit = _program.commit_of(tmp_path)
     assert re.fullmatch("[0-9a-f]{40}", commit)
     (tmp_path / "inner").mkdir()
-    assert attributes._commit(tmp_path / "inner") is None
+    assert _program.commit_of(tmp_path / "inner") is None
     (tmp_path / "file").write_text("22")
-    assert attributes._commit(tmp_path) == f"{commit}-dirty"
+    assert _program.commit_of(tmp_path) == f"{commit}-dirty"
     monkeypatch.setenv("PATH", str(tmp_path))  # where no git is
-    assert attributes._commit(tmp_path) is None
+    assert _program.commit_of(tmp_path) is None
