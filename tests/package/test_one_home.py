@@ -1,4 +1,4 @@
-"""Closure, drag and damping have one home each: with another sign there, all models that have the term change."""
+"""Closure, drag and dampings have one home each: with another sign there, all models that have the term change."""
 
 from __future__ import annotations
 
@@ -21,12 +21,16 @@ SIGNS = {
         "condensed/_kernels_rates.py", "f[j] -= rate_terms.tension_damping * work[j]",
         "f[j] += rate_terms.tension_damping * work[j]",
     ),
+    "drag of particles": ("wind/_kernels_drag.py", "ux -= along * tx", "ux += along * tx"),
+    "damping by mass": ("discretisation/_mass_damping.py", "-np.expm1(-damping * time)", "np.expm1(-damping * time)"),
 }  # fmt: skip
 #: Calls that have a term: masts and hosts have no damping by the tension, periodic responses no wind.
 CALLS = {
     "closure": ["run", "batch", "orbit", "mast", "host"],
     "drag": ["windy run", "windy batch", "mast", "windy host"],
     "damping": ["damped run", "damped batch", "damped orbit"],
+    "drag of particles": ["windy chain", "windy implicit chain", "windy cable", "mast of chains"],
+    "damping by mass": ["slow chain", "slow cable", "slow run", "slow batch"],
 }
 #: Prints a number of each call; kernels are not compiled, so that it takes seconds.
 CODE = """
@@ -50,21 +54,21 @@ def guy(damping):
 def windy():
     return cp.make_scene({**CABLE, "wind": STEADY, "time": SHORT})
 
-def mast():
+def mast(**options):
     def change(mapping):
         mapping["wind"], mapping["mast"]["drag_area"], mapping["time"] = WIND, 0.3, {"duration": 0.4, "interval": 0.04}
         del mapping["mast"]["load"]
-    return cp.mast.simulate(small(change)).guy_tension
+    return cp.mast.simulate(small(change), **options).guy_tension
 
-def run(scene):
-    return cp.condensed.simulate(scene, modes(scene), outputs=("tension",)).tension
+def run(scene, **options):
+    return cp.condensed.simulate(scene, modes(scene), outputs=("tension",), **options).tension
 
 def modes(scene):
     return cp.condensed.vibration_modes(scene, rank=1)
 
-def batch(scene):
+def batch(scene, **options):
     members = cp.ensemble.design(scene, {"cable.top_tension": [14000.0, 16000.0]}, members=2)
-    return cp.condensed.simulate(members, modes(scene), outputs=("tension",)).tension
+    return cp.condensed.simulate(members, modes(scene), outputs=("tension",), **options).tension
 
 def orbit(scene):
     return cp.periodic.orbit(scene, modes(scene), harmonics=2, out_of_plane=False, outputs=()).growth
@@ -74,12 +78,23 @@ def host(scene):
     end, velocity = model.end_position, np.ones(model.end_position.size)
     return np.array([model.step(end + 1e-3 * k * velocity, velocity, 1e-3) for k in range(1, 4)])
 
-plain, damped = {}, {"tension_proportional": 1e-3}
+def chain(scene, **options):
+    return cp.chain.simulate(scene, links=4, **options).tension
+
+def cable(scene):
+    return cp.cable.simulate(scene, elements=1, order=3).tension
+
+VERLET = {"scheme": "velocity_verlet"}
+plain, damped, slow = {}, {"tension_proportional": 1e-3}, {"mass_proportional": 2.0}
 calls = {
     "run": lambda: run(guy(plain)), "batch": lambda: batch(guy(plain)), "orbit": lambda: orbit(guy(plain)),
     "damped run": lambda: run(guy(damped)), "damped batch": lambda: batch(guy(damped)),
     "damped orbit": lambda: orbit(guy(damped)), "windy run": lambda: run(windy()), "windy batch": lambda: batch(windy()),
     "mast": mast, "host": lambda: host(guy(plain)), "windy host": lambda: host(windy()),
+    "windy chain": lambda: chain(windy()), "windy implicit chain": lambda: chain(windy(), scheme="generalized_alpha", step=0.02),
+    "windy cable": lambda: cable(windy()), "mast of chains": lambda: mast(guys="chain", links=4),
+    "slow chain": lambda: chain(guy(slow)), "slow cable": lambda: cable(guy(slow)), "slow run": lambda: run(guy(slow), **VERLET),
+    "slow batch": lambda: batch(guy(slow), **VERLET),
 }
 found = {}
 for name in sys.argv[1:]:
