@@ -11,10 +11,10 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
 from cablepod.mast._beam import Beam
 from cablepod.mast._breaks import times_of_breaks
-from cablepod.mast._envelopes import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
+from cablepod.mast._sections import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.parameters._mast import MastParameters
 
 #: Outputs of a run.

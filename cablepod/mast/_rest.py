@@ -13,9 +13,8 @@ from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import ENDS
 from cablepod.errors import SceneError
 from cablepod.mast._beam import slopes_of, warn_of_slopes
-from cablepod.mast._envelopes import spatial
 from cablepod.mast._output import dataset, nodes_of
-from cablepod.mast._sections import foot_force
+from cablepod.mast._sections import foot_force, spatial
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE

@@ -29,10 +29,10 @@ from cablepod.mast._catenary_run import CatenaryGuys
 from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys, CondensedRun, guys_in_mean_wind
-from cablepod.mast._envelopes import NEED_FORCES
 from cablepod.mast._model import ModalMast, modal_mast
 from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_ratios, refuse_things
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
+from cablepod.mast._sections import NEED_FORCES
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
