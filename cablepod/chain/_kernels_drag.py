@@ -106,7 +106,7 @@ def _resist(count, half_drag, per_mass, x, ux, y, uy, z, uz):
     the plane; `half_drag` is half of c [kg/m2], `per_mass` the step over the mass [s/kg].
     """
     for j in range(count):
-        tz, wz = None, None
+        tz, wz = 0.0, 0.0
         if z is not None:
             tz, wz = z[j + 2] - z[j], uz[j]
         size, wx, wy, wz = straight_drag(x[j + 2] - x[j], y[j + 2] - y[j], tz, ux[j], uy[j], wz)

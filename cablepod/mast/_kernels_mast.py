@@ -96,7 +96,7 @@ def _fill_mast_drag(rate, wind):
             x[n] -= columns[0, i, n] * rate[i] + columns[0, i + 1, n] * rate[i + 1]
             z[n] -= columns[1, i, n] * rate[i] + columns[1, i + 1, n] * rate[i + 1]
     for n in range(nodes):
-        x[n], z[n], _ = body_drag(wind.drag[n], x[n], z[n], None)
+        x[n], z[n], _ = body_drag(wind.drag[n], x[n], z[n], 0.0)
     for i in range(modes):
         force[i] = 0.0
     for n in range(0, nodes, 4):

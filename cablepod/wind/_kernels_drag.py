@@ -11,35 +11,24 @@ from cablepod._jit import FAST_DIVISION, compiled
 def straight_drag(tx, ty, tz, ux, uy, uz):
     """Return |t| |u_n| and u_n, the part normal to the cable of the relative velocity u of the air: a drag c |t| |u_n| u_n.
 
-    The cable is straight along t, whose size is its present length; tz and uz are None in the plane.
+    The cable is straight along t, whose size is its present length; in the plane tz and uz are 0.
     """
-    square, along = tx * tx + ty * ty, ux * tx + uy * ty
-    if tz is not None:
-        square += tz * tz
-        along += uz * tz
-    along /= square
+    square = tx * tx + ty * ty + tz * tz
+    along = (ux * tx + uy * ty + uz * tz) / square
     ux -= along * tx
     uy -= along * ty
-    speed_squared = ux * ux + uy * uy
-    if tz is not None:
-        uz -= along * tz
-        speed_squared += uz * uz
-    return math.sqrt(square * speed_squared), ux, uy, uz
+    uz -= along * tz
+    return math.sqrt(square * (ux * ux + uy * uy + uz * uz)), ux, uy, uz
 
 
 @compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def body_drag(b, ux, uy, uz):
-    """Return the drag b |u| u of a body in the relative velocity u of the air; uz is None in a plane."""
-    square = ux * ux + uy * uy
-    if uz is not None:
-        square += uz * uz
-    size = b * math.sqrt(square)
-    if uz is not None:
-        uz *= size
-    return size * ux, size * uy, uz
+    """Return the drag b |u| u of a body in the relative velocity u of the air."""
+    size = b * math.sqrt(ux * ux + uy * uy + uz * uz)
+    return size * ux, size * uy, size * uz
 
 
-@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
+@compiled(inline="always")
 def relative_velocity(before, after, share, v, j):
     """Return the velocity of the air between two samples, less that of node j, of v (dims, N); z is 0 in the plane."""
     uz = 0.0
@@ -52,7 +41,7 @@ def relative_velocity(before, after, share, v, j):
     )  # fmt: skip
 
 
-@compiled(counted=False, forceinline=True)
+@compiled(inline="always")
 def sample_at(place, samples):
     """Return the sample before a place among a number of samples, and the share of the next one; the ends are held beyond."""
     place = min(max(place, 0.0), samples - 1.0)
