@@ -10,7 +10,7 @@ import numpy as np
 
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
-from cablepod.mast._air import along_guys, steady_along_guys
+from cablepod.mast._air import Drive, along_guys, drive_of, steady_along_guys
 from cablepod.mast._beam import kept
 from cablepod.mast._breaks import broken_at_outputs, steps_of_breaks
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
