@@ -120,7 +120,7 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
     training = models.trained_on([given], (10, 40), 3)
     times = np.arange(4.0)
     for setting, kernel in (
-        (models.Setting("full", "chain", "trapezoidal", 10, step=0.1), "generalized_alpha"),
+        (models.Setting("full", "chain", "trapezoidal", 10, step=0.1), "implicit"),
         (models.Setting("full", "cable", "trapezoidal", 1, "7", step=0.1), "trapezoidal"),
         (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "trapezoidal"),
         (models.Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 1, 6, step=0.05), "exact_verlet"),
