@@ -1,4 +1,8 @@
-"""A-posteriori error estimate of reduced models from the residual of an enriched condensed model."""
+"""A-posteriori error estimate of reduced models from the residual of an enriched condensed model.
+
+What the rank leaves is the residual in more modes, ``_error_equation.py``; what the closure to leading order leaves, the exact
+forces, and the growth of the error in time are in ``_kernels_error.py``; waves and rotations in ``_estimate_neglected.py``.
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,9 @@
 
 With the stretch xi (length over unstretched length) and the axial stiffness K the law "linear" is T = K (xi - 1), and "green" is
 eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2, whose strain energy is quadratic in the Green strain (xi^2 - 1) / 2.  Slack
-links of the linear law are handled by the callers; kernels have the laws in compiled form.
+links of the linear law are handled by the callers.  Compiled, with damping by strain rate and tension:
+``chain/_kernels_links.py`` and ``_kernels_terms.py``, ``cable/_kernels_forces.py``,
+``condensed/_kernels_exact_closure.py``, ``galerkin/_kernels_energy.py``.
 """
 
 from __future__ import annotations

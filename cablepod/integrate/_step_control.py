@@ -1,6 +1,7 @@
 """Choice of the step: a search says which run it wants next, and takes it.
 
-:func:`complete` computes the runs of one search in turn; a batch computes those of many searches together.
+The error of a run from runs with other steps, and what follows from it, is in ``_refinement.py``.  :func:`complete` computes the
+runs of one search in turn; a batch computes those of many searches together.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Breaks of guys: from its break on a guy carries nothing, counted in steps."""
+"""Breaks of guys: from its break on a guy carries nothing, counted in steps; the steps leave it out in ``_kernels_mast.py``."""
 
 from __future__ import annotations
 

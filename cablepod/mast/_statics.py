@@ -1,4 +1,8 @@
-"""Rest of a mast and its guys: nonlinear equilibrium, tangent stiffness, buckling."""
+"""Rest of a mast and its guys: nonlinear equilibrium, tangent stiffness, buckling.
+
+Guys on the beam: rows of shape functions give the displacement of the upper end of a guy, and take its force to the nodes; in
+motion ``_kernels_mast.py`` does the same.
+"""
 
 from __future__ import annotations
 

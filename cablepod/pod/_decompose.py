@@ -1,7 +1,8 @@
 """Karhunen-Loeve decomposition (POD): snapshots -> modes; projection and reconstruction.
 
 Snapshots are decomposed in the lifted variables of eq. (35): the position minus the straight line between the instantaneous ends.
-Modes vanish at both ends and are functions of sigma = S / L0.
+Modes vanish at both ends and are functions of sigma = S / L0.  The SVD is in ``_svd_methods.py``, shares of energy and the choice
+of the rank are in ``_energy.py``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Record of a stage in the history of its result: function, options, inputs, content."""
+"""Record of a stage in the history of its result: function, options, inputs, content.
+
+Version and commit are added where a result is written, by ``archive/_program.py``.
+"""
 
 from __future__ import annotations
 

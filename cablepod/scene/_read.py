@@ -1,4 +1,4 @@
-"""Read a scene from a TOML file."""
+"""Read a scene from a TOML file; its keys are checked by ``_check.py`` and ``parameters/_check_tables.py``."""
 
 from __future__ import annotations
 
