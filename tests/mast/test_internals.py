@@ -15,10 +15,10 @@ from cablepod.mast._beam import MASS, beam_of, hermite
 from cablepod.mast._condensed_guy import guy_set, sines
 from cablepod.mast._condensed_run import CondensedGuys, CondensedRun
 from cablepod.mast._drag import drag_of_mast
-from cablepod.mast._guys import static_guys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest
 from cablepod.mast._runs import MastCase
+from cablepod.mast._static_guys import static_guys
 from cablepod.mast._statics import _at, rest_in, rest_of
 from cablepod.parameters._mast import mast_parameters
 from cablepod.wind._mast_air import mean_mast_air
