@@ -224,7 +224,7 @@ def end_work(s, links, spatial, multiplier, unit, row):
     return total
 
 
-@compiled(literal=False)
+@compiled(literal=False, forceinline=True)
 def by_mass(s, links, spatial, first, second):
     """Return the sum of the masses times the inner products of the vectors in the rows from `first` and from `second` on."""
     total = 0.0
@@ -233,13 +233,13 @@ def by_mass(s, links, spatial, first, second):
     return total
 
 
-@compiled(literal=False)
+@compiled(literal=False, forceinline=True)
 def kinetic_energy(s, links, spatial, velocity):
     """Return the kinetic energy [J] of the velocities in the rows `velocity`."""
     return 0.5 * by_mass(s, links, spatial, velocity, velocity)
 
 
-@compiled
+@compiled(forceinline=True)
 def end_step(s, links, spatial, counts):
     """Go on to the new positions and link vectors; update the maximum rotation; returns whether the energies are in balance."""
     copy_vectors(s, links, spatial, NX, X)
