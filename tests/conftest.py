@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import platform
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -82,4 +83,5 @@ def without_search(monkeypatch: pytest.MonkeyPatch) -> None:
     def hangs(command: Any, **options: Any) -> None:
         raise subprocess.TimeoutExpired(command, 0.0)
 
+    platform.platform()  # which runs a process the first time
     monkeypatch.setattr(subprocess, "run", hangs)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cablepod.integrate._peaks import Watch
+from cablepod.integrate._peaks import Watch, restore
 
 #: Steps between two checks of the state (few enough to stop early, many enough to cost nothing).
 BLOCK = 65536
@@ -74,7 +74,7 @@ def _first_failure(
         return None
     if steps == 1:
         return start
-    _restore(state, before)
+    restore(state, before)
     part = max(steps // PARTS, 1)
     for begin in range(start, start + steps, part):
         failed = _first_failure(advance, state, begin, min(part, start + steps - begin))
@@ -104,7 +104,7 @@ def cut_step(take: Callable[[int], int], state: tuple[np.ndarray, ...], substeps
     while substeps <= MAX_SUBSTEPS:
         if take(substeps) == substeps:
             return True
-        _restore(state, before)
+        restore(state, before)
         substeps *= 4
     return False
 
@@ -112,9 +112,3 @@ def cut_step(take: Callable[[int], int], state: tuple[np.ndarray, ...], substeps
 def not_converged() -> str:
     """Describe a step that :func:`cut_step` gave up, as the beginning of a message."""
     return f"Newton's method did not converge, with the step cut into {MAX_SUBSTEPS},"
-
-
-def _restore(state: tuple[np.ndarray, ...], before: list[np.ndarray]) -> None:
-    """Set the arrays of a state back to copies made before."""
-    for target, source in zip(state, before, strict=True):
-        target[:] = source

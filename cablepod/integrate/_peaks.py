@@ -81,7 +81,7 @@ class PeakSearch:
         for i, found in enumerate(self._found):
             if found is not None:
                 self.steps[i] = self._halve(advance, state, i, *found)
-        _restore(arrays, final)
+        restore(arrays, final)
 
     def _halve(
         self,
@@ -101,7 +101,7 @@ class PeakSearch:
 
         while steps > 1:
             half = steps // 2
-            _restore(state, before)
+            restore(state, before)
             first, middle = peak(begin, half), [array.copy() for array in state]
             # an explicit scheme repeats the bits, and one half is enough
             if first >= self._best[i] or first >= peak(begin + half, steps - half):
@@ -110,9 +110,9 @@ class PeakSearch:
                 begin, steps, before = begin + half, steps - half, middle
         if not self.with_end:
             return begin
-        _restore(state, before)
+        restore(state, before)
         largest = peak(begin, 1)
-        _restore(state, before)
+        restore(state, before)
         return begin if peak(begin, 0) >= largest else begin + 1
 
 
@@ -159,7 +159,7 @@ class Watch:
         return smallest / steps_per_second, largest / steps_per_second
 
 
-def _restore(state: tuple[np.ndarray, ...], before: State) -> None:
+def restore(state: tuple[np.ndarray, ...], before: State) -> None:
     """Set the arrays of a state back to copies made before."""
     for target, source in zip(state, before, strict=True):
         target[:] = source
