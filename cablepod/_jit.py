@@ -11,9 +11,11 @@ from typing import Any
 
 import numba
 from numba.core import caching, types
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
 from numba.core.registry import CPUDispatcher
 
+#: Options of numba, which has no types of them.
+_CONFIG: Any = numba.config
 #: Sets of fast-math flags; none assumes finite numbers, so that tests for them keep their meaning.
 #: Products and sums in one instruction, where the machine has it.
 FUSED = {"contract"}
@@ -95,7 +97,28 @@ class _Noalias(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
 
-class _ForAllIntegers(CPUDispatcher):
+class _KernelCache(caching.FunctionCache):
+    """Cache of a kernel, whose damaged files count as missing."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        given, _CONFIG.CACHE_LOCATOR_CLASSES = _CONFIG.CACHE_LOCATOR_CLASSES, _LOCATORS
+        try:  # numba reads it where a cache is made, here and nowhere later
+            super().__init__(function)
+        finally:
+            _CONFIG.CACHE_LOCATOR_CLASSES = given
+        stamp, name = self._impl.locator.get_source_stamp(), self._impl.filename_base
+        self._cache_file = _CacheFile(cache_path=self._cache_path, filename_base=name, source_stamp=stamp)
+
+
+class _Kernel(CPUDispatcher):
+    """Compiled function of the package."""
+
+    def enable_caching(self) -> None:
+        """Keep what is compiled on disk."""
+        self._cache = _KernelCache(self.py_func)
+
+
+class _ForAllIntegers(_Kernel):
     """Kernel that is compiled for the types of the integers that other kernels give it, not for their values."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
@@ -137,24 +160,16 @@ def compiled(
     """
     if function is None:
         return lambda kernel: compiled(kernel, noalias=noalias, counted=counted, literal=literal, **options)
-    if noalias:
-        options["pipeline_class"] = _Noalias
+    if _CONFIG.DISABLE_JIT:  # numba is switched off
+        return function
     if not counted:
         options["_nrt"] = False
     options["no_cfunc_wrapper"] = True  # it takes a tenth of the compilation, and nobody calls a kernel from C
-    if function.__name__.startswith("_"):
-        # called by kernels only; a wrapper for Python takes 10 ms for each array
+    if function.__name__.startswith("_"):  # called by kernels only; a wrapper for Python takes 10 ms for each array
         options.setdefault("no_cpython_wrapper", True)
-    config: Any = numba.config
-    given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
-    try:  # numba reads it where a function with a cache is made, here and nowhere later
-        kernel = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
-        if not literal and type(kernel) is CPUDispatcher:  # a plain function where numba is switched off
-            kernel.__class__ = _ForAllIntegers
-        if isinstance(
-            files := getattr(getattr(kernel, "_cache", None), "_cache_file", None), caching.IndexDataCacheFile
-        ):
-            files.__class__ = _CacheFile
-        return kernel
-    finally:
-        config.CACHE_LOCATOR_CLASSES = given
+    shared = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True}
+    kernel = (_Kernel if literal else _ForAllIntegers)(
+        function, targetoptions=shared | options, pipeline_class=_Noalias if noalias else Compiler
+    )
+    kernel.enable_caching()
+    return kernel
