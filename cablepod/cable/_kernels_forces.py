@@ -199,3 +199,15 @@ def _is_inside(x, bound):
         if not abs(coordinate) < bound:
             outside += 1
     return outside == 0
+
+
+@compiled
+def _pairs(d):
+    """Return the products D_qi D_qj at [i, j, q]."""
+    count = d.shape[0]
+    pairs = np.empty((count, count, count))
+    for i in range(count):
+        for j in range(count):
+            for q in range(count):
+                pairs[i, j, q] = d[q, i] * d[q, j]
+    return pairs

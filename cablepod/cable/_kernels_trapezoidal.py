@@ -15,6 +15,7 @@ from cablepod.cable._kernels_forces import (
     _gradient,
     _is_inside,
     _law,
+    _pairs,
     _products,
     _record_slack,
     _scale_elements,
@@ -127,18 +128,6 @@ def _solve(band, height, right):
         for k in range(1, height[j] + 1):
             total += band[j, k] * right[j + k]
         right[j] -= total * band[j, 0]
-
-
-@compiled
-def _pairs(d):
-    """Return the products D_qi D_qj at [i, j, q]."""
-    count = d.shape[0]
-    pairs = np.empty((count, count, count))
-    for i in range(count):
-        for j in range(count):
-            for q in range(count):
-                pairs[i, j, q] = d[q, i] * d[q, j]
-    return pairs
 
 
 @compiled
