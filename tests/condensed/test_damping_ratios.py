@@ -72,32 +72,6 @@ def test_members_have_the_bits_of_single_runs():
     assert float(together.position.std("member").max()) > 1e-3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", ["leading", "exact"])
-def test_the_estimate_counts_the_damping(order):
-    scene = cp.make_scene(
-        {
-            "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 12000.0},
-            "ends": {"lower": [0.0, 0.0, 0.0], "upper": [40.0, 50.0, 0.0]},
-            "chain": {"links": 24},
-            "damping": {"ratio": 0.05},
-            "motion": {"upper": {"z": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 11.0, "ramp": 1.0}}},
-            "time": {"duration": 6.0, "interval": 0.05},
-        }
-    )
-    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=2), order=order)
-    chain = cp.chain.simulate(scene, outputs=("position",)).position.values
-    weights = np.full(25, 1.0 / 24.0)
-    weights[[0, -1]] /= 2.0
-
-    def rms(difference):
-        return math.sqrt(((difference**2).sum(axis=2) @ weights).max())
-
-    error = rms(run.position.values - chain) / rms(chain - chain[:1])
-    assert error > 0.02
-    assert 0.8 * error < run.attrs["error_estimate"] < 2.0 * error
-
-
 def test_numerov_and_hosts_refuse_it():
     scene, _ = string_from_mode(1, {"ratio": 0.01}, links=10, amplitude=0.0)
     modes = cp.condensed.vibration_modes(scene, rank=2)
