@@ -194,8 +194,8 @@ def compiled(
         return lambda kernel: compiled(kernel, noalias=noalias, counted=counted, literal=literal, **options)
     if _CONFIG.DISABLE_JIT:  # numba is switched off
         return function
-    if not counted:
-        options["_nrt"] = False
+    # what is not said a kernel would take over from the first one that calls it, and with it speed and rounding
+    options = {"fastmath": False, "forceinline": False, "_nrt": counted} | options
     options["no_cfunc_wrapper"] = True  # it takes a tenth of the compilation, and nobody calls a kernel from C
     if function.__name__.startswith("_"):  # called by kernels only; a wrapper for Python takes 10 ms for each array
         options.setdefault("no_cpython_wrapper", True)

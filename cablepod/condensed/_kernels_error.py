@@ -119,7 +119,7 @@ def exact_forces(
     sizes, enriched, weights, flexibility, inertia, green, leading, corrections
         See :class:`cablepod.condensed._kernels_layout.ErrorTerms`.
     rows
-        Boundary data of the samples, see :func:`cablepod.condensed._frame.chord_and_loads` (members, samples, columns).
+        Boundary data of the samples, see :func:`cablepod.condensed._frame.chord_and_loads` (members, samples columns).
     y
         Motion in enriched coordinates (members, samples, R).
     force
@@ -132,13 +132,14 @@ def exact_forces(
     tensions
         Filled: change of H by the exact closure, and largest chordwise force (2, members, samples) [N].
     """
-    shift, samples, columns = 0.0 if leading else 1.0, y.shape[1], rows.shape[2]
+    shift, samples = 0.0 if leading else 1.0, y.shape[1]
+    columns = rows.shape[1] // samples
     for member in range(y.shape[0]):
-        own, flat = _of_member(enriched, member), rows[member].reshape(-1)
+        own = _of_member(enriched, member)
         for begin in range(0, samples, BLOCK):
-            end = min(begin + BLOCK, samples)
+            end = begin + BLOCK if begin + BLOCK < samples else samples
             for t in range(begin, end):
-                _chord_tensions(sizes, own, flat, t * columns, y[member, t], sums[TENSION, t - begin :])
+                _chord_tensions(sizes, own, rows[member], t * columns, y[member, t], sums[TENSION, t - begin :])
             _sum_slopes(slopes[member], begin, end, force[member], fields, sums)
             _close_samples(
                 weights[member], flexibility[member], green, shift, corrections, begin, end, force[member], fields, sums
@@ -203,7 +204,7 @@ def error_growth(
     step
         Interval of the samples [s].
     rows, y, difference, largest_force
-        See :class:`cablepod.condensed._error_equation.Drive`.
+        See :class:`cablepod.condensed._error_equation.Drive`; the rows (members, samples columns).
     vectors
         Errors at the start, their rates, and work arrays (members, 8 + springs, R + 2); changed.
     mean_squares
@@ -211,10 +212,10 @@ def error_growth(
     largest
         Filled: the errors where that is largest, and the number of the sample (members, R + 1).
     """
-    size, squared_step, columns = y.shape[2], step * step, rows.shape[2]
+    size, squared_step, columns = y.shape[2], step * step, rows.shape[1] // y.shape[1]
     margin = MARGIN if springs is None else 0.5 * MARGIN  # shared by sag and springs
     for member in range(y.shape[0]):
-        own, flat, damped = _of_member(enriched, member), rows[member].reshape(-1), damping[member] * step
+        own, damped = _of_member(enriched, member), damping[member] * step
         kappa, sag_stiffness, furthest = own.kappa, 2.0 * own.sag_stiffness[0], -1.0
         e, increment, position, force = vectors[member, 0], vectors[member, 1], vectors[member, 2], vectors[member, 3]
         inverse_mass, slope, tension = vectors[member, 4], vectors[member, 5], vectors[member, 6]
@@ -230,7 +231,7 @@ def error_growth(
                 for i in range(size):
                     largest[member, i] = e[i]
                 largest[member, size] = t
-            _forces(sizes, own, flat, t * columns, position, tension, force)
+            _forces(sizes, own, rows[member], t * columns, position, tension, force)
             # at the start `increment` is the rate: half a force acts, and half of the damping
             stiffest, need, cross, dyad = squared_step * max(largest_force[member, t], 0.0), 0.0, 0.0, 0.0
             need_of_springs = 0.0

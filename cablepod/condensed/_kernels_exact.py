@@ -10,7 +10,6 @@ from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_exact_closure import _chordwise_momentum, _close
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
-    CLOSURE_ROWS,
     COMPLIANCE,
     FORCE,
     LOAD_FORCE,
@@ -19,20 +18,12 @@ from cablepod.condensed._kernels_layout import (
     PREDICTED_TENSION,
     SLOPE_SQUARED,
     WEIGHTED_STIFFNESS,
-    ExactWork,
 )
 from cablepod.condensed._kernels_rates import _add_held_drag, _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
 from cablepod.discretisation._kernels_dense import _solve
 
 # --- forces -----------------------------------------------------------------------------------------------------------
-
-
-@compiled
-def _exact_work(terms):
-    """Return work arrays."""
-    r, m = terms.slopes.shape
-    return ExactWork(np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m)))
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
@@ -59,13 +50,13 @@ def _subtract_projection(terms, factor, stiffness, slope, f):
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
-def _fill_exact_tangent(terms, stretch, work, tangent, tension_change):
-    """Fill the tangent (r, r) of the forces; overwrite row WEIGHTED_STIFFNESS of the closure and row 1 of the slope rates.
+def _fill_exact_tangent(terms, work):
+    """Fill the tangent of the forces; overwrite row WEIGHTED_STIFFNESS of the closure, row 1 of the slope rates, and the mass.
 
-    The diagonal of `tension_change` (r, r) is overwritten with the derivatives of H by the coordinates.
+    Its diagonal has the derivatives of H by the coordinates.
     """
     (r, m), closure, slope, by_slope = terms.slopes.shape, work.closure, work.slope, work.slope_rate[1]
-    compliance = 0.0
+    stretch, tangent, tension_change, compliance = work.stretch[0], work.tangent, work.mass, 0.0
     for j in range(m):
         compliance += terms.weights[j] * closure[COMPLIANCE, j]
         # at constant N the derivative of the stretch by w' is minus this times w'
@@ -89,16 +80,16 @@ def _fill_exact_tangent(terms, stretch, work, tangent, tension_change):
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
-def _add_chordwise_inertia(terms, v, stretch, work, f, mass):
-    """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix (r, r)."""
+def _add_chordwise_inertia(terms, v, work, f):
+    """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix."""
     (r, m), slope, slope_rate, jacobian = terms.slopes.shape, work.slope, work.slope_rate, work.stretch_jacobian
+    stretch, mass = work.stretch[0], work.mass
     _sum_slopes(terms, v, slope_rate)
     for i in range(r):
         k = 0 if i < terms.in_plane else 1
         for j in range(m):
-            jacobian[i, j] = -slope[k, j] * terms.slopes[i, j] / stretch[j]
-        momentum = jacobian[r + i].reshape(m, 1)
-        _chordwise_momentum(1, jacobian[i].reshape(m, 1), terms.weights, terms.inertia, momentum)
+            jacobian[i, j, 0] = -slope[k, j] * terms.slopes[i, j] / stretch[j]
+        _chordwise_momentum(1, jacobian[i], terms.weights, terms.inertia, jacobian[r + i])
     for j in range(m):
         stretch_rate = (slope[0, j] * slope_rate[0, j] + slope[1, j] * slope_rate[1, j]) / stretch[j]
         # from here on row 0: second rate of the stretch without accelerations
@@ -109,20 +100,36 @@ def _add_chordwise_inertia(terms, v, stretch, work, f, mass):
     for i in range(r):
         total = 0.0
         for j in range(m):
-            total += jacobian[r + i, j] * slope_rate[0, j]
+            total += jacobian[r + i, j, 0] * slope_rate[0, j]
         f[i] -= total
         for k in range(i + 1):
             total = 0.0
             for j in range(m):
-                total += jacobian[r + i, j] * jacobian[k, j]
+                total += jacobian[r + i, j, 0] * jacobian[k, j, 0]
             mass[i, k] = total
             mass[k, i] = total
         mass[i, i] += 1.0
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
-def exact_force(terms, row, q, v, guess, stretch, work, f, tangent, mass):
+def _close_chord(terms, row, q, guess, work):
+    """Solve the closure for coordinates q (r,); return H [N], not finite where there is none.  Arguments as in `exact_force`."""
+    m, closure = terms.weights.size, work.closure
+    _sum_slopes(terms, q, work.slope)
+    for j in range(m):
+        closure[LOAD_FORCE, j] = 0.0
+        closure[SLOPE_SQUARED, j] = work.slope[0, j] * work.slope[0, j] + work.slope[1, j] * work.slope[1, j]
+    for a in range(terms.force_patterns.shape[0]):
+        for j in range(m):
+            closure[LOAD_FORCE, j] += row[1 + a] * terms.force_patterns[a, j]
+    return _close(terms.weights, row[0], terms.stiffness, terms.green, guess, work.stretch[0], closure)
+
+
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def exact_force(terms, row, q, v, guess, work, f):
     """Fill the undamped forces f (r,) with the exact chordwise stretch; return H [N], not finite where there is none.
+
+    Stretch, tangent and mass matrix are left in the work arrays.
 
     Parameters
     ----------
@@ -134,33 +141,22 @@ def exact_force(terms, row, q, v, guess, stretch, work, f, tangent, mass):
         Coordinates and rates (r,); rates only count with chordwise inertia.
     guess
         First guess of H [N].
-    stretch
-        First guess of the chordwise stretch (m,); changed into the solution.
-    f, tangent, mass
-        Filled: forces (r,); negative derivative of the forces (r, r), or without entries, accurate enough for Newton's method;
-        mass matrix (r, r) with chordwise inertia, otherwise a work array.
+    f
+        Filled: forces (r,).
     """
-    (r, m), patterns, closure = terms.slopes.shape, terms.force_patterns.shape[0], work.closure
-    _sum_slopes(terms, q, work.slope)
-    for j in range(m):
-        closure[LOAD_FORCE, j] = 0.0
-    for a in range(patterns):
-        for j in range(m):
-            closure[LOAD_FORCE, j] += row[1 + a] * terms.force_patterns[a, j]
-    for j in range(m):
-        closure[SLOPE_SQUARED, j] = work.slope[0, j] * work.slope[0, j] + work.slope[1, j] * work.slope[1, j]
-    chord_tension = _close(terms.weights, row[0], terms.stiffness, terms.green, guess, stretch, closure)
-    for j in range(m):
+    chord_tension, closure, stretch = _close_chord(terms, row, q, guess, work), work.closure, work.stretch[0]
+    for j in range(stretch.size):
         closure[WEIGHTED_STIFFNESS, j] = terms.weights[j] * closure[FORCE, j] / stretch[j]
-    for i in range(r):
+    patterns = terms.force_patterns.shape[0]
+    for i in range(f.size):
         f[i] = 0.0
         for a in range(terms.load_projection.shape[0]):
             f[i] += row[1 + patterns + a] * terms.load_projection[a, i]
     _subtract_projection(terms, 1.0, closure[WEIGHTED_STIFFNESS], work.slope, f)
-    if tangent.size:
-        _fill_exact_tangent(terms, stretch, work, tangent, mass)
+    if work.tangent.size:
+        _fill_exact_tangent(terms, work)
     if terms.inertia.size:
-        _add_chordwise_inertia(terms, v, stretch, work, f, mass)
+        _add_chordwise_inertia(terms, v, work, f)
     return chord_tension
 
 
@@ -196,23 +192,9 @@ def _record_exact(terms, stretch, closure, number, low, high, monitor):
 # --- steps ------------------------------------------------------------------------------------------------------------
 
 
-@compiled
+@compiled(counted=False)
 def exact_verlet(
-    exact,
-    sizes,
-    terms,
-    bounds,
-    damped,
-    rate_terms,
-    air,
-    boundary_data,
-    state,
-    stretch,
-    begin,
-    record,
-    low,
-    high,
-    monitor,
+    exact, sizes, terms, bounds, damped, rate_terms, air, boundary_data, state, work, begin, record, low, high, monitor
 ):
     """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 
@@ -231,24 +213,29 @@ def exact_verlet(
         See :func:`cablepod.condensed._frame.chord_and_loads`; one row for each step.
     state
         Coordinates, rates half a step before, and accelerations of the last step (3, r); changed.
-    stretch
-        Row 0 (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step; the
-        same holds for H in the monitor.  Changed.
+    work
+        See :class:`cablepod.condensed._kernels_layout.ExactWork`, without a tangent; guesses of stretch and H are extrapolated
+        from the last two steps.  Changed.
     low, high
         Extremes of the link tensions over all steps (n,) [N], or without entries; changed.
     """
-    q, v, acceleration, (r, m) = state[0], state[1], state[2], exact.slopes.shape
-    f, rates, mass, no_array, tension = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0)), np.empty(1)
-    work, predicted, accepted, saved, step = _exact_work(exact), stretch[0], stretch[1], 0, damped.step
+    q, v, acceleration, (r, m), saved, step = state[0], state[1], state[2], exact.slopes.shape, 0, damped.step
+    f, rates, tension, predicted, accepted = (
+        work.vectors[0],
+        work.vectors[1],
+        work.tension,
+        work.stretch[0],
+        work.stretch[1],
+    )
     for i in range(boundary_data.shape[0]):
         number, row = begin + i, boundary_data[i]
         for j in range(r):
             rates[j] = v[j] + 0.5 * step * acceleration[j]
-        tension[0] = exact_force(exact, row, q, rates, monitor[PREDICTED_TENSION], predicted, work, f, no_array, mass)
+        tension[0] = exact_force(exact, row, q, rates, monitor[PREDICTED_TENSION], work, f)
         if not abs(tension[0]) < np.inf:  # extrapolated too far: once more from the last step
             for j in range(m):
                 predicted[j] = accepted[j]
-            tension[0] = exact_force(exact, row, q, rates, monitor[CHORD_TENSION], predicted, work, f, no_array, mass)
+            tension[0] = exact_force(exact, row, q, rates, monitor[CHORD_TENSION], work, f)
         _record_exact(exact, predicted, work.closure, number, low, high, monitor)
         if rate_terms is not None:
             if rate_terms.tension_damping > 0.0:
@@ -256,7 +243,7 @@ def exact_verlet(
             _subtract_modal_damping(rate_terms.modal_damping, rates, f)
             _add_held_drag(air, q, rates, 1.0 + tension[0] / exact.stiffness, True, number, step, f)
         if exact.inertia.size:
-            _solve(mass, f)
+            _solve(work.mass, f)
         _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, number, monitor)
         is_output = saved < record.steps.size and record.steps[saved] == number
         for j in range(r):

@@ -6,9 +6,9 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_closure import _fill_tangent, _forces
-from cablepod.condensed._kernels_exact import _exact_work, _record_exact, exact_force
+from cablepod.condensed._kernels_exact import _close_chord, _record_exact, exact_force
 from cablepod.condensed._kernels_exact_closure import MAX_ITERATIONS, NEWTON_RTOL
-from cablepod.condensed._kernels_layout import CHORD_TENSION, ExactTerms
+from cablepod.condensed._kernels_layout import CHORD_TENSION
 from cablepod.condensed._kernels_rates import _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency, _monitor_step, _update_extremes
 from cablepod.discretisation._kernels_dense import _solve
@@ -139,7 +139,7 @@ def _newton_system(q_start, state, rates, step, damping, has_inertia, f, tangent
             tangent[j, k] = quarter * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
 
 
-@compiled
+@compiled(counted=False)
 def exact_trapezoidal(
     exact,
     sizes,
@@ -150,7 +150,7 @@ def exact_trapezoidal(
     modal_damping,
     boundary_data,
     state,
-    stretch,
+    work,
     begin,
     record,
     low,
@@ -159,20 +159,14 @@ def exact_trapezoidal(
 ):
     """Advance by the trapezoidal rule with the exact chordwise stretch; return the number of steps done.
 
-    The closure starts from the last stretch, ``stretch[0]``, and the last H.  `modal_damping` is that of
+    The closure starts from the stretch and H of the last step.  `modal_damping` is that of
     :class:`cablepod.condensed._kernels_layout.RateTerms`.  Other arguments and the returned value as in
     :func:`cablepod.condensed._kernels_exact.exact_verlet` and
     :func:`cablepod.condensed._kernels_implicit.trapezoidal`.
     """
-    (r, _), q, v, acceleration = exact.slopes.shape, state[0], state[1], state[2]
-    f, tangent, mass, work = np.empty(r), np.empty((r, r)), np.empty((r, r)), _exact_work(exact)
-    change, q_start, rates, previous_acceleration = np.empty(r), np.empty(r), np.empty(r), np.empty(r)
-    no_array, tension, saved, accepted = np.empty((0, 0)), np.empty(1), 0, stretch[0]
-    steps = boundary_data.shape[0] - 1
-    without_inertia = ExactTerms(
-        exact.stiffness, exact.green, exact.slopes, exact.in_plane, exact.force_patterns, exact.weights, exact.load_projection,
-        no_array,
-    )  # fmt: skip
+    q, v, acceleration, saved, steps = state[0], state[1], state[2], 0, boundary_data.shape[0] - 1
+    r, tangent, vectors, tension = q.size, work.tangent, work.vectors, work.tension
+    f, change, q_start, rates, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     for j in range(r):
         previous_acceleration[j] = acceleration[j]
     for i in range(steps + 1):
@@ -181,9 +175,9 @@ def exact_trapezoidal(
             saved += 1
         # evaluate H once more: in a stiff cable a small last correction still changes it much
         row, guess = boundary_data[i], monitor[CHORD_TENSION]
-        tension[0] = exact_force(without_inertia, row, q, v, guess, accepted, work, f, no_array, mass)
+        tension[0] = _close_chord(exact, row, q, guess, work)
         monitor[CHORD_TENSION] = tension[0]
-        _record_exact(exact, accepted, work.closure, begin + i, low, high, monitor)
+        _record_exact(exact, work.stretch[0], work.closure, begin + i, low, high, monitor)
         _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, begin + i, monitor)
         if i == steps:
             break
@@ -201,10 +195,10 @@ def exact_trapezoidal(
             for j in range(r):
                 rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
             guess = monitor[CHORD_TENSION]
-            monitor[CHORD_TENSION] = exact_force(exact, row, q, rates, guess, accepted, work, f, tangent, mass)
+            monitor[CHORD_TENSION] = exact_force(exact, row, q, rates, guess, work, f)
             _subtract_modal_damping(modal_damping, rates, f)
             _add_modal_tangent(modal_damping, step, tangent)
-            _newton_system(q_start, state, rates, step, damping, exact.inertia.size > 0, f, tangent, mass, change)
+            _newton_system(q_start, state, rates, step, damping, exact.inertia.size > 0, f, tangent, work.mass, change)
             if not _solve(tangent, change):
                 break
             largest = 0.0

@@ -187,12 +187,29 @@ class ExactTerms(NamedTuple):
 
 
 class ExactWork(NamedTuple):
-    """Work arrays of the exact forces."""
+    """Stretch of a run and work arrays of the exact forces."""
 
+    #: chordwise stretch (2, m): row 0 is the first guess of the closure, changed into the solution; row 1 is velocity Verlet's of
+    #: the last step, from which the next guess is extrapolated
+    stretch: np.ndarray
     closure: np.ndarray  #: of the closure (CLOSURE_ROWS, m)
     slope: np.ndarray  #: slopes of the deflections (2, m)
     slope_rate: np.ndarray  #: their rates (2, m)
-    stretch_jacobian: np.ndarray  #: derivatives of the stretch by the coordinates, and momenta of these (2 r, m)
+    stretch_jacobian: np.ndarray  #: derivatives of the stretch by the coordinates, and momenta of these (2 r, m, 1)
+    tangent: (
+        np.ndarray
+    )  #: negative derivative of the forces (r, r), accurate enough for Newton's method; without entries: unasked
+    mass: np.ndarray  #: mass matrix with chordwise inertia (r, r), otherwise a work array
+    vectors: np.ndarray  #: forces and others of a step (5, r)
+    tension: np.ndarray  #: H (1,) [N]
+
+    @classmethod
+    def of(cls, r: int, m: int, stretch: float, *, tangent: bool) -> ExactWork:
+        """Return the arrays with the same first guess everywhere, and the identity as mass."""
+        closure, jacobian = np.empty((CLOSURE_ROWS, m)), np.empty((2 * r, m, 1))
+        of_tangent = np.empty((r, r) if tangent else (0, 0))
+        start, vectors = np.full((2, m), stretch), np.empty((5, r))
+        return cls(start, closure, *np.empty((2, 2, m)), jacobian, of_tangent, np.eye(r), vectors, np.empty(1))
 
 
 class ErrorTerms(NamedTuple):

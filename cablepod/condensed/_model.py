@@ -331,21 +331,27 @@ class CondensedModel(Coefficients):
         """Return undamped forces (r,), their tangent (r, r), mass matrix (r, r) and H [N] of one state."""
         from cablepod.condensed import _kernels_closure as kernel_leading
         from cablepod.condensed import _kernels_exact as kernel_exact
-        from cablepod.condensed._kernels_layout import CLOSURE_ROWS
 
-        r = q.size
-        f, tangent, mass = np.empty(r), np.empty((r, r)), np.eye(r)
+        r, f = q.size, np.empty(q.size)
         if self.order == "leading":
-            tension, terms = np.empty(1), LeadingTerms(*(array[None] for array in self.terms))
+            tension, tangent, terms = (
+                np.empty(1),
+                np.empty((r, r)),
+                LeadingTerms(*(array[None] for array in self.terms)),
+            )
             kernel_leading.leading_forces(terms, boundary_data[None], q[None], f[None], tangent[None], tension)
-            return f, tangent, mass, float(tension[0])
-        m = self.rule[2].size
-        work = ExactWork(np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m)))
-        guess, stretch = self.tension_guess(boundary_data, q), np.full(m, self.stretch_guess(boundary_data))
-        chord_tension = kernel_exact.exact_force(
-            self.exact_terms, boundary_data, q, v, guess, stretch, work, f, tangent, mass
-        )
-        return f, tangent, mass, chord_tension
+            return f, tangent, np.eye(r), float(tension[0])
+        work, guess = self.exact_work(boundary_data, tangent=True), self.tension_guess(boundary_data, q)
+        chord_tension = kernel_exact.exact_force(self.exact_terms, boundary_data, q, v, guess, work, f)
+        return f, work.tangent, work.mass, chord_tension
+
+    def exact_work(self, boundary_data: np.ndarray, *, tangent: bool) -> ExactWork:
+        """Return work arrays of the exact forces with a first guess of the stretch, with a tangent or without."""
+        return ExactWork.of(len(self.shapes), self.rule[2].size, self.stretch_guess(boundary_data), tangent=tangent)
+
+    def stretch_guess(self, boundary_data: np.ndarray) -> float:
+        """Return a first guess of the chordwise stretch."""
+        return max(1.0, float(boundary_data[0]) / self.chain.total_length)
 
     def tension_guess(self, boundary_data: np.ndarray, q: np.ndarray) -> float:
         """Return a first guess of H [N]: that to leading order, with a lower bound for large slopes."""
@@ -359,10 +365,6 @@ class CondensedModel(Coefficients):
         # lower bound: H that carries the transverse loads with a sag of an eighth of the length
         transverse = np.abs(boundary_data[1 + self.mean_chordwise_forces.size :]).sum() * chain.total_length / 8.0
         return max(leading, transverse, 1e-6 * k)
-
-    def stretch_guess(self, boundary_data: np.ndarray) -> float:
-        """Return a first guess of the chordwise stretch."""
-        return max(1.0, float(boundary_data[0]) / self.chain.total_length)
 
     def omega_max_squared(self, q: np.ndarray, boundary_data: np.ndarray, chord_tension: float) -> float:
         """Return an upper bound of the squared angular frequencies about a state [1/s^2]."""

@@ -10,6 +10,7 @@ from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._kernels_layout import (
     AIR_ROWS,
     Damped,
+    ExactWork,
     ExplicitState,
     Links,
     RateTerms,
@@ -100,14 +101,13 @@ class CondensedStepper:
         self.state = self._initial_state()
         before = 3.0 * self.state[1] - 2.0 * run.start.rates  # the prediction at the start gives the rates there
         self.explicit_state = ExplicitState.of(self.state[0], self.state[1], before)
-        #: Chordwise stretch: first guess for the next step, and that of the last one (2, m); empty to leading order.
-        self.stretch = np.empty((2, 0))
+        self.exact_work: ExactWork | None = None  #: stretch and work arrays; None to leading order
         if run.leading:
             patterns = model.chordwise_force_patterns[:, chosen]
             tables = model.slopes[:, chosen], model.n_in_plane, patterns
             self.links = Links.of(*tables, self.low, self.high) if self.wants_extremes else None
         else:
-            self.stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
+            self.exact_work = model.exact_work(model.initial_boundary_data, tangent=not run.explicit)
         self.bounds = model.bounds()
         self.rate_terms, self.air = self._terms_of_rates()
         self.divergence_bound = DIVERGENCE_FACTOR * model.root_total_mass * model.chain.total_length
@@ -121,7 +121,8 @@ class CondensedStepper:
     def changed(self) -> tuple[np.ndarray, ...]:
         """All arrays that a step changes and the next one needs."""
         held = () if self.air is None else (self.air.held,)
-        return self.state, self.stretch, self.monitor, *self.explicit_state, *held
+        stretch = () if self.exact_work is None else (self.exact_work.stretch,)
+        return self.state, *stretch, self.monitor, *self.explicit_state, *held
 
     def _initial_state(self) -> np.ndarray:
         """Return coordinates, rates (velocity Verlet: half a step before the start) and damped accelerations (3, r)."""
@@ -199,7 +200,7 @@ class CondensedStepper:
         """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
         model = self.run.model
         shared = model.exact_terms, model.sizes(constant=False), model.terms, self.bounds
-        outputs = boundary_data, self.state, self.stretch, begin, record, self.low, self.high, self.monitor
+        outputs = boundary_data, self.state, self.exact_work, begin, record, self.low, self.high, self.monitor
         if self.run.explicit:
             from cablepod.condensed import _kernels_exact as kernel  # numba is imported only to compute
 
