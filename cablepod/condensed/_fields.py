@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from cablepod.condensed._kernels_layout import LeadingTerms
+from cablepod.condensed._kernels_layout import CLOSURE_ROWS, LeadingTerms
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
@@ -105,23 +106,54 @@ def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarr
     """Return the same as :func:`close_chord` for boundary data of instants (times, columns)."""
     chain = model.chain
     deflection, squared = deflections(model.shapes, model.sets, chain.length, q)
-    chord, patterns = boundary_data[:, 0], model.chordwise_force_patterns
-    tau = boundary_data[:, 1 : 1 + len(patterns)] @ patterns
-    if model.order == "leading":
-        reduced = squared * model.slope_factor
-        chord_tension, stretch = close_leading(
-            reduced, tau, chain.length, chord, chain.p.stiffness, relative_compliance(chain)
-        )
-    else:
-        from cablepod.condensed import _kernels_exact_closure as kernel  # numba is imported only to compute
+    chord_tension, stretch = close(model, squared, q[0], boundary_data)
+    force = chord_tension[:, None] + chordwise_loads(model, boundary_data)
+    return stretch, force, squared, deflection
 
-        stretch, chord_tension = np.empty_like(squared), np.empty(len(q))
-        stretch[0] = model.stretch_guess(boundary_data[0])
-        chord_tension[0] = model.tension_guess(boundary_data[0], q[0])
-        kernel.close_all(
-            squared, tau, chain.length, chord.copy(), chain.p.stiffness, model.green, chord_tension, stretch
-        )
-    return stretch, chord_tension[:, None] + tau, squared, deflection
+
+def chordwise_loads(model: CondensedModel, boundary_data: np.ndarray) -> np.ndarray:
+    """Return the chordwise forces of the loads at instants (times, n) [N], with those of the boundary data (times, columns)."""
+    patterns = model.chordwise_force_patterns
+    return boundary_data[:, 1 : 1 + len(patterns)] @ patterns
+
+
+def close(
+    model: CondensedModel, squared: np.ndarray, q: np.ndarray, boundary_data: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solve the closure of a model's order for given shapes on the links.
+
+    Parameters
+    ----------
+    model
+        Model, whose closure it is.
+    squared
+        Squared slopes (times, n).
+    q
+        Coordinates at the first time (r,), for a guess.
+    boundary_data
+        Of the instants (times, columns).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        H (times,) [N]; of orders "exact" and "inertial" nan where there is none.  Chordwise stretch (times, n).
+    """
+    chain, tau, chord = model.chain, chordwise_loads(model, boundary_data), boundary_data[:, 0].copy()
+    if model.order == "leading":
+        reduced, k = squared * model.slope_factor, chain.p.stiffness
+        return close_leading(reduced, tau, chain.length, chord, k, relative_compliance(chain))
+    from cablepod.condensed import _kernels_exact_closure as kernel  # numba is imported only to compute
+
+    law, work = (chain.p.stiffness, model.green), np.empty((CLOSURE_ROWS, chain.links))
+    stretch, chord_tension = np.empty_like(squared), np.empty(len(squared))
+    stretch[0], chord_tension[0] = model.stretch_guess(boundary_data[0]), model.tension_guess(boundary_data[0], q)
+    i, last = 0, -1
+    while True:
+        i, last = kernel.close_all(squared, tau, chain.length, chord, *law, i, last, work, chord_tension, stretch)
+        if i == len(chord):
+            return chord_tension, stretch
+        chord_tension[i] = kernel.close_from_nothing(chain.length, chord[i], *law, tau[i], squared[i], stretch[i])
+        i, last = i + 1, i if math.isfinite(chord_tension[i]) else last
 
 
 def deflections(

@@ -80,8 +80,10 @@ def _fill_exact_tangent(terms, work):
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
-def _add_chordwise_inertia(terms, v, work, f):
-    """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix."""
+def _add_chordwise_inertia(inertia, terms, v, work, f):
+    """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix; nothing without `inertia`."""
+    if inertia is None:
+        return
     (r, m), slope, slope_rate, jacobian = terms.slopes.shape, work.slope, work.slope_rate, work.stretch_jacobian
     stretch, mass = work.stretch[0], work.mass
     _sum_slopes(terms, v, slope_rate)
@@ -89,7 +91,7 @@ def _add_chordwise_inertia(terms, v, work, f):
         k = 0 if i < terms.in_plane else 1
         for j in range(m):
             jacobian[i, j, 0] = -slope[k, j] * terms.slopes[i, j] / stretch[j]
-        _chordwise_momentum(1, jacobian[i], terms.weights, terms.inertia, jacobian[r + i])
+        _chordwise_momentum(1, jacobian[i], terms.weights, inertia, jacobian[r + i])
     for j in range(m):
         stretch_rate = (slope[0, j] * slope_rate[0, j] + slope[1, j] * slope_rate[1, j]) / stretch[j]
         # from here on row 0: second rate of the stretch without accelerations
@@ -125,6 +127,14 @@ def _close_chord(terms, row, q, guess, work):
     return _close(terms.weights, row[0], terms.stiffness, terms.green, guess, work.stretch[0], closure)
 
 
+@compiled(counted=False)
+def _accelerate(inertia, mass, f):
+    """Change forces f (r,) into accelerations by the mass matrix (r, r); nothing without `inertia`."""
+    if inertia is None:
+        return
+    _solve(mass, f)
+
+
 @compiled(fastmath=REORDERED_FUSED, counted=False)
 def exact_force(terms, row, q, v, guess, work, f):
     """Fill the undamped forces f (r,) with the exact chordwise stretch; return H [N], not finite where there is none.
@@ -155,8 +165,7 @@ def exact_force(terms, row, q, v, guess, work, f):
     _subtract_projection(terms, 1.0, closure[WEIGHTED_STIFFNESS], work.slope, f)
     if work.tangent.size:
         _fill_exact_tangent(terms, work)
-    if terms.inertia.size:
-        _add_chordwise_inertia(terms, v, work, f)
+    _add_chordwise_inertia(terms.inertia, terms, v, work, f)
     return chord_tension
 
 
@@ -231,19 +240,21 @@ def exact_verlet(
         number, row = begin + i, boundary_data[i]
         for j in range(r):
             rates[j] = v[j] + 0.5 * step * acceleration[j]
-        tension[0] = exact_force(exact, row, q, rates, monitor[PREDICTED_TENSION], work, f)
-        if not abs(tension[0]) < np.inf:  # extrapolated too far: once more from the last step
+        guess = monitor[PREDICTED_TENSION]
+        for _ in range(2):
+            tension[0] = exact_force(exact, row, q, rates, guess, work, f)
+            if abs(tension[0]) < np.inf:
+                break
+            guess = monitor[CHORD_TENSION]  # extrapolated too far: once more from the last step
             for j in range(m):
                 predicted[j] = accepted[j]
-            tension[0] = exact_force(exact, row, q, rates, monitor[CHORD_TENSION], work, f)
         _record_exact(exact, predicted, work.closure, number, low, high, monitor)
         if rate_terms is not None:
             if rate_terms.tension_damping > 0.0:
                 _subtract_tension_damping(exact, rate_terms.tension_damping, rates, work, f)
             _subtract_modal_damping(rate_terms.modal_damping, rates, f)
             _add_held_drag(air, q, rates, 1.0 + tension[0] / exact.stiffness, True, number, step, f)
-        if exact.inertia.size:
-            _solve(work.mass, f)
+        _accelerate(exact.inertia, work.mass, f)
         _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, number, monitor)
         is_output = saved < record.steps.size and record.steps[saved] == number
         for j in range(r):

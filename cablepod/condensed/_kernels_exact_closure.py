@@ -8,7 +8,6 @@ import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_layout import (
-    CLOSURE_ROWS,
     COMPLIANCE,
     CURVATURE,
     FORCE,
@@ -154,7 +153,52 @@ def _chordwise_momentum(count, stretching, weights, inertia, momentum):
             momentum[j, t] = weights[j] * above
 
 
-@compiled
+@compiled(counted=False)
+def close_all(squared, tau, weights, chord, stiffness, green, begin, last, work, chord_tension, stretch):
+    """Solve the closure for shapes at many times, from one to the next, up to the first where Newton's method fails.
+
+    Parameters
+    ----------
+    squared, tau
+        Squared slopes and chordwise forces of the loads [N], (times, m).
+    weights, stiffness, green, work
+        As in :func:`_close`.
+    chord
+        Distance of the ends (times,) [m].
+    begin, last
+        Number of the first time, and of the last one before that has a solution; -1 without any: guesses are the first entries.
+    chord_tension, stretch
+        Filled: H (times,) [N], and chordwise stretch (times, m).
+
+    Returns
+    -------
+    tuple of int
+        Number of the time where it fails, or of times, and `last` there.
+    """
+    for i in range(begin, chord.size):
+        before = last if last > 0 else 0
+        guess = chord_tension[before]
+        # with intermediate shapes where Newton's method does not converge at once
+        for parts in INCREMENTS:
+            chord_tension[i] = guess
+            for j in range(weights.size):
+                stretch[i, j] = stretch[before, j]
+            for part in range(1, parts + 1):
+                weight = part / parts
+                for j in range(weights.size):
+                    work[SLOPE_SQUARED, j] = (1.0 - weight) * squared[before, j] + weight * squared[i, j]
+                    work[LOAD_FORCE, j] = (1.0 - weight) * tau[before, j] + weight * tau[i, j]
+                reach = (1.0 - weight) * chord[before] + weight * chord[i]
+                chord_tension[i] = _close(weights, reach, stiffness, green, chord_tension[i], stretch[i], work)
+            if last < 0 or abs(chord_tension[i]) < np.inf:  # at first there is no shape to begin with
+                break
+        if not abs(chord_tension[i]) < np.inf:
+            return i, last
+        last = i
+    return chord.size, last
+
+
+@compiled(counted=False)
 def _stretch_at(strain, squared, green):
     """Return the chordwise stretch for a chordwise force over K and a squared slope, where it rises with the force; or nan.
 
@@ -183,7 +227,7 @@ def _stretch_at(strain, squared, green):
     return np.nan
 
 
-@compiled
+@compiled(counted=False)
 def _reach_at(chord_tension, load_force, squared, weights, stiffness, green, stretch):
     """Fill the chordwise stretch (m,) for H [N]; return the distance of the ends [m], nan where a link carries no such force."""
     reach = 0.0
@@ -193,8 +237,8 @@ def _reach_at(chord_tension, load_force, squared, weights, stiffness, green, str
     return reach
 
 
-@compiled
-def _close_from_nothing(weights, chord, stiffness, green, load_force, squared, stretch):
+@compiled(counted=False)
+def close_from_nothing(weights, chord, stiffness, green, load_force, squared, stretch):
     """Solve the closure by halving, from no guess, where the distance of the ends rises with H.
 
     Parameters
@@ -228,42 +272,3 @@ def _close_from_nothing(weights, chord, stiffness, green, load_force, squared, s
             low = middle
     reach = _reach_at(high, load_force, squared, weights, stiffness, green, stretch)
     return high if abs(reach - chord) <= SAFE_RTOL * chord else np.nan
-
-
-@compiled
-def close_all(squared, tau, weights, chord, stiffness, green, chord_tension, stretch):
-    """Solve the closure for shapes at many times.
-
-    Parameters
-    ----------
-    squared, tau
-        Squared slopes and chordwise forces of the loads [N], (times, m).
-    weights, stiffness, green
-        As in :func:`_close`.
-    chord
-        Distance of the ends (times,) [m].
-    chord_tension, stretch
-        Filled: H (times,) [N], nan where there is none, and chordwise stretch (times, m); the first entries are guesses.
-    """
-    work = np.empty((CLOSURE_ROWS, weights.size))
-    guess, last = chord_tension[0], -1
-    for i in range(chord.size):
-        # from one shape to the next, with intermediate shapes where Newton's method does not converge at once
-        for parts in INCREMENTS:
-            chord_tension[i] = guess
-            before = max(last, 0)
-            for j in range(weights.size):
-                stretch[i, j] = stretch[before, j]
-            for part in range(1, parts + 1):
-                weight = part / parts
-                for j in range(weights.size):
-                    work[SLOPE_SQUARED, j] = (1.0 - weight) * squared[before, j] + weight * squared[i, j]
-                    work[LOAD_FORCE, j] = (1.0 - weight) * tau[before, j] + weight * tau[i, j]
-                reach = (1.0 - weight) * chord[before] + weight * chord[i]
-                chord_tension[i] = _close(weights, reach, stiffness, green, chord_tension[i], stretch[i], work)
-            if last < 0 or abs(chord_tension[i]) < np.inf:  # at first there is no shape to begin with
-                break
-        if not abs(chord_tension[i]) < np.inf:
-            chord_tension[i] = _close_from_nothing(weights, chord[i], stiffness, green, tau[i], squared[i], stretch[i])
-        if abs(chord_tension[i]) < np.inf:
-            guess, last = chord_tension[i], i

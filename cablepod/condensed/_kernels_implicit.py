@@ -124,12 +124,12 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
 
 
 @compiled(counted=False)
-def _newton_system(q_start, state, rates, step, damping, has_inertia, f, tangent, mass, change):
+def _newton_system(q_start, state, rates, step, damping, inertia, f, tangent, mass, change):
     """Change forces (r,) and tangent (r, r) into residual `change` and tangent of the implicit equation of a step."""
     q, v, acceleration, quarter = state[0], state[1], state[2], 0.25 * step * step
     r = q.size
     for j in range(r):
-        if not has_inertia:
+        if inertia is None:
             for k in range(r):
                 mass[j, k] = 1.0 if j == k else 0.0
         change[j] = quarter * f[j]
@@ -198,7 +198,7 @@ def exact_trapezoidal(
             monitor[CHORD_TENSION] = exact_force(exact, row, q, rates, guess, work, f)
             _subtract_modal_damping(modal_damping, rates, f)
             _add_modal_tangent(modal_damping, step, tangent)
-            _newton_system(q_start, state, rates, step, damping, exact.inertia.size > 0, f, tangent, work.mass, change)
+            _newton_system(q_start, state, rates, step, damping, exact.inertia, f, tangent, work.mass, change)
             if not _solve(tangent, change):
                 break
             largest = 0.0

@@ -182,8 +182,8 @@ class ExactTerms(NamedTuple):
     weights: np.ndarray  #: unstretched lengths of the links, or quadrature weights (m,) [m]
     load_projection: np.ndarray  #: of unit loads along the normals (normal loads, r)
     #: masses [kg] of the particles above the links and their relative arc lengths (2, m); at quadrature points the chordwise mass
-    #: matrix (m, m) [kg m^2]; without entries: no chordwise inertia
-    inertia: np.ndarray
+    #: matrix (m, m) [kg m^2]; None without chordwise inertia
+    inertia: np.ndarray | None
 
 
 class ExactWork(NamedTuple):

@@ -281,7 +281,7 @@ class CondensedModel(Coefficients):
             patterns,
             weights,
             self.load_projection,
-            self.inertia,
+            self.inertia if self.inertia.size else None,
         )
 
     def sizes(self, *, constant: bool) -> Sizes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.condensed._fields import close_leading, link_tensions, relative_compliance
+from cablepod.condensed._fields import chordwise_loads, close, link_tensions
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import State
@@ -70,21 +70,8 @@ def close_chord(
     data = boundary_data(model, omega, phase)
     slopes = np.diff(deflections(model, q), axis=2) / chain.length
     squared = (slopes**2).sum(axis=0)
-    tau = data[:, 1 : 1 + len(condensed.load_patterns)] @ condensed.chordwise_force_patterns
-    k = chain.p.stiffness
-    if condensed.order == "leading":
-        reduced = squared * condensed.slope_factor
-        tension, stretch = close_leading(reduced, tau, chain.length, data[:, 0], k, relative_compliance(chain))
-    else:
-        from cablepod.condensed import _kernels_exact_closure  # numba is imported only to compute
-
-        chord, tension, stretch = data[:, 0].copy(), np.empty(len(q)), np.empty_like(squared)
-        stretch[0], tension[0] = (
-            condensed.stretch_guess(data[0]),
-            condensed.tension_guess(data[0], q[0, : condensed.slope_norms_squared.size]),
-        )
-        _kernels_exact_closure.close_all(squared, tau, chain.length, chord, k, False, tension, stretch)
-    return stretch, tension[:, None] + tau, squared
+    tension, stretch = close(condensed, squared, q[0, : condensed.slope_norms_squared.size], data)
+    return stretch, tension[:, None] + chordwise_loads(condensed, data), squared
 
 
 def positions(model: PeriodicModel, q: np.ndarray, stretch: np.ndarray, phase: np.ndarray) -> np.ndarray:

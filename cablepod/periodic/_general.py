@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.condensed._fields import close
 from cablepod.condensed._kernels_layout import RateTerms
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import Solver, Stability, State, basis_at
@@ -80,8 +81,6 @@ class GeneralSolver(Solver):
 
     def _exact(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "exact": the chordwise stretch of each link by the closure."""
-        from cablepod.condensed import _kernels_exact_closure  # numba is imported only to compute
-
         model, condensed, chain = self.model, self.model.condensed, self.model.condensed.chain
         frequency, length, _ = model.scales
         n, k = q.shape[1], chain.p.stiffness
@@ -101,12 +100,9 @@ class GeneralSolver(Solver):
             for (part, which), w in zip(used, slope, strict=True)
         ]
         squared = sum(part**2 for part in slope)
-        tension, stretch = np.empty(len(q)), np.empty_like(tau)
         first = np.zeros(max(n, condensed.slope_norms_squared.size))
         first[:n] = length * q[0]
-        tension[0] = condensed.tension_guess(data[0], first[: condensed.slope_norms_squared.size])
-        stretch[0] = condensed.stretch_guess(data[0])
-        _kernels_exact_closure.close_all(squared, tau, chain.length, data[:, 0].copy(), k, False, tension, stretch)
+        tension, stretch = close(condensed, squared, first[: condensed.slope_norms_squared.size], data)
         chordwise = tension[:, None] + tau
         xi = np.sqrt(stretch**2 + squared)
         # derivatives of the stretch: by the chordwise force, and by a slope, divided by minus that slope
