@@ -142,17 +142,44 @@ def close(
     if model.order == "leading":
         reduced, k = squared * model.slope_factor, chain.p.stiffness
         return close_leading(reduced, tau, chain.length, chord, k, relative_compliance(chain))
+    guess = model.tension_guess(boundary_data[0], q), model.stretch_guess(boundary_data[0])
+    return close_exactly(squared, tau, chain.length, chord, chain.p.stiffness, model.green, guess)
+
+
+def close_exactly(
+    squared: np.ndarray,
+    tau: np.ndarray,
+    length: np.ndarray,
+    chord: np.ndarray,
+    stiffness: float,
+    green: bool,
+    guess: tuple[float, float],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solve the exact closure for shapes at many times, from one to the next; return H (times,) [N], stretch (times, n).
+
+    Where Newton's method fails, H is searched by halving from no guess; where that finds none either, it is nan.
+
+    Parameters
+    ----------
+    squared, tau
+        Squared slopes, and chordwise forces of the loads [N], (times, n).
+    length, chord
+        Unstretched lengths of the links (n,) and distances of the ends (times,) [m].
+    stiffness, green
+        K [N], and whether law (21) holds.
+    guess
+        First guess of H [N] and of the chordwise stretch.
+    """
     from cablepod.condensed import _kernels_exact_closure as kernel  # numba is imported only to compute
 
-    law, work = (chain.p.stiffness, model.green), np.empty((CLOSURE_ROWS, chain.links))
-    stretch, chord_tension = np.empty_like(squared), np.empty(len(squared))
-    stretch[0], chord_tension[0] = model.stretch_guess(boundary_data[0]), model.tension_guess(boundary_data[0], q)
-    i, last = 0, -1
+    chord_tension, stretch = np.empty(len(squared)), np.empty_like(squared)
+    chord_tension[0], stretch[0] = guess
+    i, last, work = 0, -1, np.empty((CLOSURE_ROWS, length.size))
     while True:
-        i, last = kernel.close_all(squared, tau, chain.length, chord, *law, i, last, work, chord_tension, stretch)
+        i, last = kernel.close_all(squared, tau, length, chord, stiffness, green, i, last, work, chord_tension, stretch)
         if i == len(chord):
             return chord_tension, stretch
-        chord_tension[i] = kernel.close_from_nothing(chain.length, chord[i], *law, tau[i], squared[i], stretch[i])
+        chord_tension[i] = kernel.close_from_nothing(length, chord[i], stiffness, green, tau[i], squared[i], stretch[i])
         i, last = i + 1, i if math.isfinite(chord_tension[i]) else last
 
 

@@ -206,10 +206,10 @@ class ExactWork(NamedTuple):
     @classmethod
     def of(cls, r: int, m: int, stretch: float, *, tangent: bool) -> ExactWork:
         """Return the arrays with the same first guess everywhere, and the identity as mass."""
-        closure, jacobian = np.empty((CLOSURE_ROWS, m)), np.empty((2 * r, m, 1))
-        of_tangent = np.empty((r, r) if tangent else (0, 0))
-        start, vectors = np.full((2, m), stretch), np.empty((5, r))
-        return cls(start, closure, *np.empty((2, 2, m)), jacobian, of_tangent, np.eye(r), vectors, np.empty(1))
+        of_tangent, (slope, slope_rate) = np.empty((r, r) if tangent else (0, 0)), np.empty((2, 2, m))
+        closure, jacobian, vectors = np.empty((CLOSURE_ROWS, m)), np.empty((2 * r, m, 1)), np.empty((5, r))
+        start, tension = np.full((2, m), stretch), np.empty(1)
+        return cls(start, closure, slope, slope_rate, jacobian, of_tangent, np.eye(r), vectors, tension)
 
 
 class ErrorTerms(NamedTuple):

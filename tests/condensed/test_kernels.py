@@ -9,8 +9,8 @@ from suite import slow
 
 import cablepod as cp
 from cablepod.condensed import _stepper
+from cablepod.condensed._fields import close_exactly
 from cablepod.condensed._kernels_error import _hold_by_springs
-from cablepod.condensed._kernels_exact_closure import close_all
 from cablepod.condensed._newton import equilibria, solve_each, solved
 from cablepod.discretisation._laws import law_tension
 from cablepod.integrate import _march
@@ -34,8 +34,7 @@ def test_solutions_close_the_chord_and_satisfy_the_law(green):
             * (1.0 + strain - 0.5 * squared.mean(axis=1))
             * (1.0 + 0.02 * generator.standard_normal(shapes))
         )
-        force, z = np.full(shapes, stiffness * strain), np.ones((shapes, links))
-        close_all(squared, tau, length, chord, stiffness, green, force, z)
+        force, z = close_exactly(squared, tau, length, chord, stiffness, green, (stiffness * strain, 1.0))
         good = np.isfinite(force)
         count += int(good.sum())
         force, z, squared = force[good], z[good], squared[good]
@@ -60,18 +59,17 @@ def test_the_closure_without_a_guess(green):
     xi = np.sqrt(stretch**2 + squared)
     force = law_tension(xi, stiffness, green=green) * stretch / xi
     tau = force - force[:, :1]
-    found, tension = np.full_like(stretch, 1.0), np.full(times, np.nan)  # no guess, so that Newton's method fails
+    found, tension, nothing = np.empty_like(stretch), np.empty(times), (np.nan, 1.0)  # so that Newton's method fails
     for i in range(times):
         part = slice(i, i + 1)
         chord = stretch[part] @ weights
-        close_all(squared[part], tau[part], weights, chord, stiffness, green, tension[part], found[part])
+        tension[part], found[part] = close_exactly(squared[part], tau[part], weights, chord, stiffness, green, nothing)
     # halving ends at the rounding of H, some 1e-16 K
     np.testing.assert_allclose(found, stretch, rtol=1e-12)
     np.testing.assert_allclose(tension, force[:, 0], atol=1e-12 * stiffness)
     # with these slopes links buckle at 0.28 of their length
     none = np.zeros((1, links))
-    tension, found = np.full(1, np.nan), np.ones((1, links))
-    close_all(none + 0.04, none, weights, np.array([0.2 * weights.sum()]), stiffness, green, tension, found)
+    tension, _ = close_exactly(none + 0.04, none, weights, np.array([0.2 * weights.sum()]), stiffness, green, nothing)
     assert np.isnan(tension[0])
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import gc
 import shutil
 from pathlib import Path
 
 import pytest
 from children import environment, run_python
+from numba.core.errors import TypingError
 from suite import slow
 
 from cablepod import _jit
@@ -132,6 +134,56 @@ def test_a_kernel_is_compiled_once_for_all_integers_and_anew_for_none(tmp_path):
     done = run_python("-c", code, timeout=120, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["15.5", "2"]  # 1.5 + 2.5 + 2 * 3.5 + 4.5
+
+
+QUICK = """
+from cablepod._jit import REORDERED, compiled
+
+
+@compiled
+def inner(x):
+    total = 0.0
+    for i in range(x.size):
+        total += x[i]
+    return total
+
+
+@compiled(fastmath=REORDERED, counted=False)
+def outer(x):
+    return inner(x)
+"""
+
+
+def test_a_kernel_does_not_take_options_over_from_the_first_that_calls_it(tmp_path):
+    """Numba hands fast-math, inlining and counting of references down to kernels that do not say them."""
+    (tmp_path / "_kernels_quick.py").write_text(QUICK)
+    code = (
+        "import numpy as np, _kernels_quick as k; x = np.random.default_rng(1).random(1000);"
+        "k.outer(x); print(k.inner(x) == sum(x.tolist()[1:], x[0]), len(k.inner.signatures))"
+    )
+    done = run_python("-c", code, timeout=120, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["True", "1"]  # in the order written: a reordered sum differs in its last digits
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_the_search_for_garbage_goes_on_after_a_compilation(collecting):
+    before, during = gc.isenabled(), []
+
+    @_jit.compiled
+    def kernel(x):
+        return 2.0 * x
+
+    (gc.enable if collecting else gc.disable)()
+    try:
+        assert kernel(2.0) == 4.0
+        during.append(gc.isenabled())
+        with pytest.raises(TypingError):
+            kernel(None)
+        during.append(gc.isenabled())
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert during == [collecting] * 2
 
 
 def test_kernels_that_take_arrays_from_an_uncounted_one_count_no_references_either():
