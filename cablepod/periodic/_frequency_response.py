@@ -144,7 +144,6 @@ def frequency_response(
     }  # fmt: skip
     kept = f"{result.sizes['point']} points" if study.interrupted else ""
     result = output.record(result, "periodic.frequency_response", scene, modes, parameters, kept=kept)
-    model.refuse_compression()
     output.warn_of_result(result.attrs, model.undamped)
     return result
 

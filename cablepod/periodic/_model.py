@@ -182,25 +182,17 @@ class PeriodicModel:
         squared = np.linalg.eigvalsh(self.tangent_at_rest[: self.n_in_plane, : self.n_in_plane])
         positive = squared[squared > 1e-9 * np.abs(squared).max()]
         if not positive.size:
-            raise self._no_rest("stiffness to leading order")
+            if self.missing_sag:
+                raise SceneError(f"modes: given {self.missing_sag}; allowed: {MODES_WITH_SAG}")
+            if self.condensed.rest_tension > 0.0:
+                sag = f"a sag of {100.0 * sag_over_chord(self.condensed):.2g} % of the chord"
+                raise scene_error(
+                    "scene", f"{sag}, without stiffness to leading order", "a shallower cable; try: chain.simulate"
+                )
+            raise scene_error("scene", "a cable without stiffness at rest", "a cable in tension")
         kappa = float(self.kappa_si[: self.n_in_plane].min())
         stretching = 0.5 * chain.p.stiffness / chain.total_length * kappa**2
         return float(np.sqrt(positive[0])), float(np.sqrt(REFERENCE_STRETCHING * positive[0] / stretching)), kappa
-
-    def _no_rest(self, lacking: str) -> SceneError:
-        """Return the error of a model that does not rest as the cable does, with what it is lacking there."""
-        if self.missing_sag:
-            return SceneError(f"modes: given {self.missing_sag}; allowed: {MODES_WITH_SAG}")
-        if self.condensed.rest_tension > 0.0:
-            sag = f"a sag of {100.0 * sag_over_chord(self.condensed):.2g} % of the chord"
-            return scene_error("scene", f"{sag}, without {lacking}", "a shallower cable; try: chain.simulate")
-        return scene_error("scene", "a cable without stiffness at rest", "a cable in tension")
-
-    def refuse_compression(self) -> None:
-        """Refuse a response about a rest in compression of a cable that rests in tension: it is one of the model alone."""
-        model, q = self.condensed, self.condensed.initial_state[0]
-        if model.rest_tension > 0.0 and not model.force(q, np.zeros_like(q), model.static_boundary_data)[2] > 0.0:
-            raise self._no_rest("tension at rest in the model")
 
     @cached_property
     def missing_sag(self) -> str:

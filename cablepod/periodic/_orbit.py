@@ -127,7 +127,6 @@ def orbit(
             rich, gained = estimate.richer_solver(scene, modes, rank, out_of_plane)
             result["error_estimate"] = ((), estimate.orbit_error(solver, state, rich), ERROR_LABEL)
             result.attrs["error_estimate_by"] = gained
-        model.refuse_compression()
         output.warn_of_result(result.attrs, model.undamped)
         return result
 

@@ -107,7 +107,6 @@ def stability_map(
                 raise  # nothing to keep
             return labelled(model, found, omegas, amplitudes).assign_attrs(incomplete=1)
         result = labelled(model, found, omegas, amplitudes)
-        model.refuse_compression()
         output.warn_of_result(result.attrs, model.undamped)
         return result
 
