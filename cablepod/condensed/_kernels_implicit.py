@@ -34,6 +34,61 @@ def _add_modal_tangent(modal_damping, step, tangent):
 
 
 @compiled(counted=False)
+def _predict(q, v, acceleration, previous_acceleration, step, q_start):
+    """Keep the coordinates (r,) before a step, predict those after it; return the largest one.
+
+    The acceleration is extrapolated from the last two steps.
+    """
+    scale = 0.0
+    for j in range(q.size):
+        q_start[j] = q[j]
+        q[j] += step * v[j] + 0.25 * step * step * (3.0 * acceleration[j] - previous_acceleration[j])
+        scale = max(scale, abs(q[j]))
+    return scale
+
+
+@compiled(counted=False)
+def _fill_rates(q_start, q, v, step, rates):
+    """Fill the rates (r,) after a step, for coordinates before and after it and the rates v before it."""
+    for j in range(q.size):
+        rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
+
+
+@compiled(counted=False)
+def _fill_newton_system(inertia, mass, q_start, state, rates, step, damping, f, tangent, change):
+    """Change forces f (r,) and their tangent (r, r) into residual `change` and tangent of the implicit equation of a step.
+
+    The mass matrix (r, r) is the identity without `inertia`.  The rates after the step (r,) are overwritten.
+    """
+    q, v, acceleration, quarter, factor = state[0], state[1], state[2], 0.25 * step * step, 1.0 + 0.5 * step * damping
+    r, known = q.size, rates
+    for j in range(r):
+        known[j] = q_start[j] + step * v[j] + quarter * (acceleration[j] - damping * rates[j]) - q[j]
+        change[j] = quarter * f[j]
+        for k in range(r):
+            tangent[j, k] *= quarter
+    if inertia is None:
+        for j in range(r):
+            change[j] += known[j]
+            tangent[j, j] += factor
+        return
+    for j in range(r):
+        for k in range(r):
+            change[j] += mass[j, k] * known[k]
+            tangent[j, k] += factor * mass[j, k]
+
+
+@compiled(counted=False)
+def _correct(change, q):
+    """Add a correction to the coordinates (r,); return the largest part of it."""
+    largest = 0.0
+    for j in range(q.size):
+        q[j] += change[j]
+        largest = max(largest, abs(change[j]))
+    return largest
+
+
+@compiled(counted=False)
 def _update_rates(q_start, q, v, acceleration, previous_acceleration, step):
     """Update rates and accelerations by the trapezoidal rule, from coordinates before and after a step."""
     for j in range(q.size):
@@ -59,12 +114,10 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
     """
     q, v, acceleration = state[0], state[1], state[2]
     r, columns, saved = q.size, 1 + len(sizes.patterns) + len(sizes.normal_loads), 0
-    tangent, vectors, tension = np.empty((r, r)), np.empty((6, r)), np.empty(1)
-    f, change, q_start, known_terms, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
-    rates = vectors[5]
+    tangent, vectors, tension = np.empty((r, r)), np.empty((5, r)), np.empty(1)
+    f, change, q_start, rates, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     for j in range(r):
         previous_acceleration[j] = acceleration[j]
-    quarter, inertia_factor = 0.25 * step * step, 1.0 + 0.5 * step * damping
     _forces(sizes, terms, rows, 0, q, tension, f)
     for i in range(steps + 1):
         _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, begin + i, monitor)
@@ -75,41 +128,28 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
             saved += 1
         if i == steps:
             break
-        scale = 0.0
-        for j in range(r):
-            q_start[j] = q[j]
-            known_terms[j] = (
-                inertia_factor * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter * acceleration[j]
-            )
-            q[j] += step * v[j] + quarter * (3.0 * acceleration[j] - previous_acceleration[j])
-            scale = max(scale, abs(q[j]))
+        scale = _predict(q, v, acceleration, previous_acceleration, step, q_start)
         previous_change, converged = 0.0, False  # the first correction has no known reduction
         for _ in range(MAX_ITERATIONS):
             _forces(sizes, terms, rows, (i + 1) * columns, q, tension, f)
             _fill_tangent(terms, rows, (i + 1) * columns, q, tension[0], tangent)
-            for j in range(r):
-                rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
+            _fill_rates(q_start, q, v, step, rates)
             _subtract_modal_damping(modal_damping, rates, f)
             _add_modal_tangent(modal_damping, step, tangent)
-            for j in range(r):
-                change[j] = known_terms[j] - inertia_factor * q[j] + quarter * f[j]
-                for k in range(r):
-                    tangent[j, k] *= quarter
-                tangent[j, j] += inertia_factor
+            _fill_newton_system(None, None, q_start, state, rates, step, damping, f, tangent, change)
             if not _solve(tangent, change):
                 break
-            cross, square, largest, residual = 0.0, 0.0, 0.0, 0.0
+            cross, square, residual = 0.0, 0.0, 0.0
             for j in range(r):
                 cross += terms.kappa[j] * q[j] * change[j]
                 square += terms.kappa[j] * change[j] * change[j]
-                q[j] += change[j]
-                largest = max(largest, abs(change[j]))
+            largest = _correct(change, q)
             # two bounds of the next correction: the cubic force that the tangent left out (sharp for a soft cable), and quadratic
             # convergence, by the square of the last reduction (sharp for a stiff one)
             for j in range(r):
                 residual = max(residual, abs(terms.kappa[j] * (cross * change[j] + 0.5 * square * q[j])))
             reduction = min(largest / previous_change, 1.0)
-            bound = min(2.0 * quarter * terms.sag_stiffness[0] * residual, largest * reduction * reduction)
+            bound = min(0.5 * step * step * terms.sag_stiffness[0] * residual, largest * reduction * reduction)
             if bound <= NEWTON_RTOL * scale:
                 converged = True
                 break
@@ -121,22 +161,6 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
         _forces(sizes, terms, rows, (i + 1) * columns, q, tension, f)
         _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
     return steps
-
-
-@compiled(counted=False)
-def _newton_system(q_start, state, rates, step, damping, inertia, f, tangent, mass, change):
-    """Change forces (r,) and tangent (r, r) into residual `change` and tangent of the implicit equation of a step."""
-    q, v, acceleration, quarter = state[0], state[1], state[2], 0.25 * step * step
-    r = q.size
-    for j in range(r):
-        if inertia is None:
-            for k in range(r):
-                mass[j, k] = 1.0 if j == k else 0.0
-        change[j] = quarter * f[j]
-        for k in range(r):
-            known = q_start[k] + step * v[k] + quarter * (acceleration[k] - damping * rates[k]) - q[k]
-            change[j] += mass[j, k] * known
-            tangent[j, k] = quarter * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
 
 
 @compiled(counted=False)
@@ -181,30 +205,18 @@ def exact_trapezoidal(
         _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, begin + i, monitor)
         if i == steps:
             break
-        scale = 0.0
-        for j in range(r):
-            q_start[j] = q[j]
-            q[j] += step * v[j] + 0.25 * step * step * (3.0 * acceleration[j] - previous_acceleration[j])
-            scale = max(scale, abs(q[j]))
-        previous_change, converged, row = (
-            0.0,
-            False,
-            boundary_data[i + 1],
-        )  # the first correction has no known reduction
+        scale = _predict(q, v, acceleration, previous_acceleration, step, q_start)
+        row, previous_change, converged = boundary_data[i + 1], 0.0, False
         for _ in range(MAX_ITERATIONS):
-            for j in range(r):
-                rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
+            _fill_rates(q_start, q, v, step, rates)
             guess = monitor[CHORD_TENSION]
             monitor[CHORD_TENSION] = exact_force(exact, row, q, rates, guess, work, f)
             _subtract_modal_damping(modal_damping, rates, f)
             _add_modal_tangent(modal_damping, step, tangent)
-            _newton_system(q_start, state, rates, step, damping, exact.inertia, f, tangent, work.mass, change)
+            _fill_newton_system(exact.inertia, work.mass, q_start, state, rates, step, damping, f, tangent, change)
             if not _solve(tangent, change):
                 break
-            largest = 0.0
-            for j in range(r):
-                q[j] += change[j]
-                largest = max(largest, abs(change[j]))
+            largest = _correct(change, q)
             # the tangent is approximate: the error shrinks at least by the last reduction
             if largest * min(largest / previous_change, 1.0) <= NEWTON_RTOL * scale or largest == 0.0:
                 converged = True
