@@ -92,8 +92,8 @@ class _CacheFile(caching.IndexDataCacheFile):
 class _Flags(Flags):
     """Flags of a compilation, equal where the same ones are set to the same values.
 
-    They are part of the keys of numba's types of functions.  Its own comparison asks for the values of all flags of both, set or
-    not, and its hash is the same for all: that takes a sixth of a first call.
+    Flags are part of the keys by which numba finds the types of functions.  Its own comparison asks for the values of all flags
+    of both, set or not, and its hash is the same for all: that took a sixth of a first call.
     """
 
     __slots__ = ()

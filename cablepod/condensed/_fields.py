@@ -106,15 +106,8 @@ def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarr
     """Return the same as :func:`close_chord` for boundary data of instants (times, columns)."""
     chain = model.chain
     deflection, squared = deflections(model.shapes, model.sets, chain.length, q)
-    chord_tension, stretch = close(model, squared, q[0], boundary_data)
-    force = chord_tension[:, None] + chordwise_loads(model, boundary_data)
+    stretch, force = close(model, squared, q[0], boundary_data)
     return stretch, force, squared, deflection
-
-
-def chordwise_loads(model: CondensedModel, boundary_data: np.ndarray) -> np.ndarray:
-    """Return the chordwise forces of the loads at instants (times, n) [N], with those of the boundary data (times, columns)."""
-    patterns = model.chordwise_force_patterns
-    return boundary_data[:, 1 : 1 + len(patterns)] @ patterns
 
 
 def close(
@@ -136,14 +129,18 @@ def close(
     Returns
     -------
     tuple of numpy.ndarray
-        H (times,) [N]; of orders "exact" and "inertial" nan where there is none.  Chordwise stretch (times, n).
+        Chordwise stretch, and chordwise force [N], on the links (times, n); with orders "exact" and "inertial" the force is nan
+        where there is none.
     """
-    chain, tau, chord = model.chain, chordwise_loads(model, boundary_data), boundary_data[:, 0].copy()
+    chain, patterns, chord = model.chain, model.chordwise_force_patterns, boundary_data[:, 0].copy()
+    tau, k = boundary_data[:, 1 : 1 + len(patterns)] @ patterns, chain.p.stiffness
     if model.order == "leading":
-        reduced, k = squared * model.slope_factor, chain.p.stiffness
-        return close_leading(reduced, tau, chain.length, chord, k, relative_compliance(chain))
-    guess = model.tension_guess(boundary_data[0], q), model.stretch_guess(boundary_data[0])
-    return close_exactly(squared, tau, chain.length, chord, chain.p.stiffness, model.green, guess)
+        reduced, compliance = squared * model.slope_factor, relative_compliance(chain)
+        chord_tension, stretch = close_leading(reduced, tau, chain.length, chord, k, compliance)
+    else:
+        guess = model.tension_guess(boundary_data[0], q), model.stretch_guess(boundary_data[0])
+        chord_tension, stretch = close_exactly(squared, tau, chain.length, chord, k, model.green, guess)
+    return stretch, chord_tension[:, None] + tau
 
 
 def close_exactly(

@@ -229,25 +229,21 @@ def exact_verlet(
         Extremes of the link tensions over all steps (n,) [N], or without entries; changed.
     """
     q, v, acceleration, (r, m), saved, step = state[0], state[1], state[2], exact.slopes.shape, 0, damped.step
-    f, rates, tension, predicted, accepted = (
-        work.vectors[0],
-        work.vectors[1],
-        work.tension,
-        work.stretch[0],
-        work.stretch[1],
-    )
+    predicted, accepted, tension = work.stretch[0], work.stretch[1], work.tension
+    f, rates = work.vectors[0], work.vectors[1]
     for i in range(boundary_data.shape[0]):
         number, row = begin + i, boundary_data[i]
         for j in range(r):
             rates[j] = v[j] + 0.5 * step * acceleration[j]
         guess = monitor[PREDICTED_TENSION]
-        for _ in range(2):
+        for trial in range(2):
+            if trial:  # extrapolated too far: once more from the last step
+                guess = monitor[CHORD_TENSION]
+                for j in range(m):
+                    predicted[j] = accepted[j]
             tension[0] = exact_force(exact, row, q, rates, guess, work, f)
             if abs(tension[0]) < np.inf:
                 break
-            guess = monitor[CHORD_TENSION]  # extrapolated too far: once more from the last step
-            for j in range(m):
-                predicted[j] = accepted[j]
         _record_exact(exact, predicted, work.closure, number, low, high, monitor)
         if rate_terms is not None:
             if rate_terms.tension_damping > 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.condensed._fields import chordwise_loads, close, link_tensions
+from cablepod.condensed._fields import close, link_tensions
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import State
@@ -70,8 +70,8 @@ def close_chord(
     data = boundary_data(model, omega, phase)
     slopes = np.diff(deflections(model, q), axis=2) / chain.length
     squared = (slopes**2).sum(axis=0)
-    tension, stretch = close(condensed, squared, q[0, : condensed.slope_norms_squared.size], data)
-    return stretch, tension[:, None] + chordwise_loads(condensed, data), squared
+    stretch, force = close(condensed, squared, q[0, : condensed.slope_norms_squared.size], data)
+    return stretch, force, squared
 
 
 def positions(model: PeriodicModel, q: np.ndarray, stretch: np.ndarray, phase: np.ndarray) -> np.ndarray:

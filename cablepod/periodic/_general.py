@@ -88,7 +88,7 @@ class GeneralSolver(Solver):
         data = rows[0] + omega * rows[1] + omega**2 * rows[2]
         change = rows[1] + 2.0 * omega * rows[2]
         patterns = len(condensed.load_patterns)
-        tau, tau_rate = (part[:, 1 : 1 + patterns] @ condensed.chordwise_force_patterns for part in (data, change))
+        tau_rate = change[:, 1 : 1 + patterns] @ condensed.chordwise_force_patterns
         slopes = [np.diff(shapes, axis=1) / chain.length for shapes in model.sets]
         begin = np.cumsum([0, *(len(part) for part in slopes)])
         used = [(part, slice(i, i + len(part))) for part, i in zip(slopes, begin[:-1], strict=True) if i < n]
@@ -102,8 +102,7 @@ class GeneralSolver(Solver):
         squared = sum(part**2 for part in slope)
         first = np.zeros(max(n, condensed.slope_norms_squared.size))
         first[:n] = length * q[0]
-        tension, stretch = close(condensed, squared, first[: condensed.slope_norms_squared.size], data)
-        chordwise = tension[:, None] + tau
+        stretch, chordwise = close(condensed, squared, first[: condensed.slope_norms_squared.size], data)
         xi = np.sqrt(stretch**2 + squared)
         # derivatives of the stretch: by the chordwise force, and by a slope, divided by minus that slope
         compliance = 1.0 / (k * (1.0 - squared / xi**3))
