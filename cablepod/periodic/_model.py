@@ -25,6 +25,9 @@ from cablepod.periodic._sag import MODES_WITH_SAG, missing_sag, sag_over_chord
 ORDERS = ("leading", "exact")
 #: Share of the linear stiffness that the stretching by a coordinate of one has.
 REFERENCE_STRETCHING = 0.1
+#: Maximum mean compressive strain of the model at rest: usual guys on too few modes have 1e-4; those with a sag of a fifth of the
+#: chord, where the model finds another equilibrium than that of the cable, 0.01 to 0.25.
+MAX_COMPRESSION = 0.01
 #: Loads out of the plane over those in it, below which they are rounding.
 PLANAR_RTOL = 1e-12
 
@@ -181,18 +184,26 @@ class PeriodicModel:
         chain = self.condensed.chain
         squared = np.linalg.eigvalsh(self.tangent_at_rest[: self.n_in_plane, : self.n_in_plane])
         positive = squared[squared > 1e-9 * np.abs(squared).max()]
-        if not positive.size:
+        compressed = not self.strain_at_rest >= -MAX_COMPRESSION  # also where the closure has no solution
+        if compressed or not positive.size:
             if self.missing_sag:
                 raise SceneError(f"modes: given {self.missing_sag}; allowed: {MODES_WITH_SAG}")
             if self.condensed.rest_tension > 0.0:
                 sag = f"a sag of {100.0 * sag_over_chord(self.condensed):.2g} % of the chord"
-                raise scene_error(
-                    "scene", f"{sag}, without stiffness to leading order", "a shallower cable; try: chain.simulate"
-                )
+                state = "in compression in the condensed model" if compressed else "without stiffness to leading order"
+                raise scene_error("scene", f"{sag}, {state}", "a shallower cable; try: chain.simulate")
             raise scene_error("scene", "a cable without stiffness at rest", "a cable in tension")
         kappa = float(self.kappa_si[: self.n_in_plane].min())
         stretching = 0.5 * chain.p.stiffness / chain.total_length * kappa**2
         return float(np.sqrt(positive[0])), float(np.sqrt(REFERENCE_STRETCHING * positive[0] / stretching)), kappa
+
+    @property
+    def strain_at_rest(self) -> float:
+        """Mean chordwise force of the condensed model at rest over its axial stiffness; nan where its closure has no solution."""
+        model, row = self.condensed, self.condensed.static_boundary_data
+        q, mean = model.initial_state[0], model.mean_chordwise_forces
+        chord_tension = model.force(q, np.zeros_like(q), row)[2]
+        return float(chord_tension + row[1 : 1 + mean.size] @ mean) / model.chain.p.stiffness
 
     @cached_property
     def missing_sag(self) -> str:
