@@ -80,28 +80,14 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
     """
     m, flexibility = stretch.size, 1.0 / stiffness
     for _ in range(MAX_ITERATIONS):
-        if green:
-            for j in range(m):
-                work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
-                correction, derivative, curvature = _newton_green(
-                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
-                )
-                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
-                    correction,
-                    derivative * flexibility,
-                    curvature,
-                )
-        else:
-            for j in range(m):
-                work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
-                correction, derivative, curvature = _newton_linear(
-                    work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j], stretch[j]
-                )
-                work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = (
-                    correction,
-                    derivative * flexibility,
-                    curvature,
-                )
+        for j in range(m):
+            work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
+            strain, squared = work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j]
+            if green:
+                correction, derivative, curvature = _newton_green(strain, squared, stretch[j])
+            else:
+                correction, derivative, curvature = _newton_linear(strain, squared, stretch[j])
+            work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = correction, derivative * flexibility, curvature
         reach, compliance = 0.0, 0.0
         for j in range(m):
             reach += weights[j] * (stretch[j] + work[RESIDUAL, j])
