@@ -15,7 +15,7 @@ from cablepod.batch._members import Rows
 from cablepod.batch._stack import Variables
 from cablepod.condensed._batch import MemberCoefficients, MembersPlan
 from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
-from cablepod.condensed._error_equation import drive_of, errors_at_rest, grown_errors, parts_of_members
+from cablepod.condensed._error_equation import LinkSlopes, errors_at_rest, mean_squares
 from cablepod.condensed._estimate import (
     MAX_ERROR,
     MOTION_SAMPLES,
@@ -305,19 +305,12 @@ def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
     rest = batch.rows_at(part, start, moving=False)[:, 0]
     error = errors_at_rest(terms, batch.q_rest[part], rest)
     error_rates = _initial_error_rates(runs, projection, change, enriched_in_plane)
-    squares, largest = np.empty(q.shape[:2]), np.empty((part.size, error.shape[1] + 1))
-    for some, own in parts_of_members(terms, q.shape[1]):
-        before, after = rates[some, :, 0], rates[some, :, 1]
-        drive = drive_of(own, (q[some], 0.5 * (before + after), (after - before) * rate), boundary_data[some])
-        squares[some], largest[some] = grown_errors(own, drive, runs.interval / rate, error[some], error_rates[some])
-    count = part.size
-    squares /= (runs.mass * total)[:, None]
-    squares[np.isnan(squares)] = math.inf
-    error, samples = largest[:, :-1], largest[:, -1].astype(int)
-    at_largest = (change @ q[np.arange(count), samples][:, :, None])[:, :, 0]
-    link_slopes = (shape / length) * unit.slopes
-    share = _chordwise_shares(runs, error, at_largest, link_slopes, enriched_in_plane)
-    return np.minimum(np.sqrt(squares.max(axis=1) * (1.0 + share) + _waves(runs) ** 2) / scale, MAX_ERROR)
+    before, after = rates[:, :, 0], rates[:, :, 1]
+    motion = q, 0.5 * (before + after), (after - before) * rate
+    mass, chain = (runs.mass * total)[:, None], model.chain
+    on_links = LinkSlopes((shape / length) * unit.slopes, total[:, None] * chain.length, mass * chain.tributary_length)
+    squares = mean_squares(terms, on_links, mass, motion, boundary_data, runs.interval / rate, error, error_rates)
+    return np.minimum(np.sqrt(squares.max(axis=1) + _waves(runs) ** 2) / scale, MAX_ERROR)
 
 
 def _waves(runs: MemberRuns) -> np.ndarray:
@@ -328,22 +321,6 @@ def _waves(runs: MemberRuns) -> np.ndarray:
     p, along = runs.batch.parameters, chord_direction(runs.ends.positions(np.zeros(1))[:, 0])
     omega = math.pi / runs.total * np.sqrt(p.stiffness[runs.part] / runs.mass)
     return waves_of_start(rates, along, omega, p.damping[runs.part])
-
-
-def _chordwise_shares(
-    runs: MemberRuns, error: np.ndarray, q: np.ndarray, slopes: np.ndarray, in_plane: int
-) -> np.ndarray:
-    """Return the mean squares of the chordwise displacement over those of the deflection, for errors (members, R) at q."""
-    chain = runs.batch.plan.unit.chain
-    stretch = np.zeros((len(q), chain.links))
-    for which in (slice(in_plane), slice(in_plane, None)):
-        moved, wrong = ((part[:, None, which] @ slopes[:, which])[:, 0] for part in (q, error))
-        stretch -= moved * wrong
-    along = np.cumsum(stretch * (runs.total[:, None] * chain.length), axis=1)
-    along -= chain.arc_length[1:] * along[:, -1:]
-    square = (error * error).sum(axis=1)
-    share = runs.mass * runs.total * (along**2 @ chain.tributary_length[1:]) / square
-    return np.where((square > 0.0) & (square < math.inf), share, 0.0)
 
 
 def _initial_error_rates(

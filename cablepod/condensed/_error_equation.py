@@ -161,7 +161,73 @@ def grown_errors(
     return squares, largest
 
 
-def parts_of_members(terms: ErrorTerms, samples: int) -> Iterator[tuple[slice, ErrorTerms]]:
+class LinkSlopes(NamedTuple):
+    """Slopes of the enriched shapes on the links of members."""
+
+    slopes: np.ndarray  #: (members, R, n) [kg^-1/2 m^-1]
+    length: np.ndarray  #: unstretched lengths of the links (..., n) [m]
+    mass: np.ndarray  #: masses of the particles (..., n + 1) [kg]
+
+    def chordwise_shares(self, error: np.ndarray, q: np.ndarray, in_plane: int) -> np.ndarray:
+        """Return the mean squares of the chordwise displacement over those of the deflection (members,).
+
+        `error` are errors at the enriched coordinates q (members, R), the first `in_plane` of them in plane; 0 without a finite
+        error.
+        """
+        stretch = np.zeros((len(q), self.slopes.shape[2]))
+        for which in (slice(in_plane), slice(in_plane, None)):
+            moved, wrong = ((part[:, None, which] @ self.slopes[:, which])[:, 0] for part in (q, error))
+            stretch -= moved * wrong
+        along, place = np.cumsum(stretch * self.length, axis=1), np.cumsum(self.length, axis=-1)
+        along -= place / place[..., -1:] * along[:, -1:]
+        square = (error * error).sum(axis=1)
+        share = (self.mass[..., 1:] * along**2).sum(axis=1) / square
+        return np.where((square > 0.0) & (square < math.inf), share, 0.0)
+
+
+def mean_squares(
+    terms: ErrorTerms,
+    shapes: LinkSlopes,
+    mass: float | np.ndarray,
+    motion: Sequence[np.ndarray],
+    rows: np.ndarray,
+    interval: float,
+    errors: np.ndarray,
+    error_rates: np.ndarray,
+) -> np.ndarray:
+    """Integrate the error equations of members, driven by the residuals of their motions.
+
+    Parameters
+    ----------
+    terms, shapes
+        Coefficients, and slopes on the links.
+    mass
+        Masses of the cables, a number or (members, 1) [kg]: bounds of sums of squares over means over the length.
+    motion, rows
+        Coordinates of the motions, rates and accelerations (members, samples, r), and their boundary data.
+    interval
+        Interval of the samples [s].
+    errors, error_rates
+        Errors at the start, and their rates (members, R).
+
+    Returns
+    -------
+    numpy.ndarray
+        Mean squares of the errors over the length (members, samples) [m^2]: those of the deflection, with the part of the
+        chordwise displacement that they have where they are largest; infinite where an error leaves the finite numbers.
+    """
+    squares, largest = np.empty(rows.shape[:2]), np.empty((len(rows), errors.shape[1] + 1))
+    for some, own in _parts_of_members(terms, rows.shape[1]):
+        drive = drive_of(own, [array[some] for array in motion], rows[some])
+        squares[some], largest[some] = grown_errors(own, drive, interval, errors[some], error_rates[some])
+    squares /= mass
+    squares[np.isnan(squares)] = math.inf
+    error, samples = largest[:, :-1], largest[:, -1].astype(int)
+    at_largest = (terms.change @ motion[0][np.arange(len(rows)), samples][:, :, None])[:, :, 0]
+    return squares * (1.0 + shapes.chordwise_shares(error, at_largest, terms.enriched_in_plane)[:, None])
+
+
+def _parts_of_members(terms: ErrorTerms, samples: int) -> Iterator[tuple[slice, ErrorTerms]]:
     """Divide members into parts whose values at the points fit into caches; yield their slices and coefficients."""
     members, points = terms.weights.shape
     count = max(1, VALUES_AT_A_TIME // (points * samples))
@@ -303,27 +369,10 @@ class ErrorEquation:
         Returns
         -------
         numpy.ndarray
-            Mean square of the error over the length (samples,) [m^2]: that of the deflection, with the part of the chordwise
-            displacement that it has where it is largest; infinite where the error leaves the finite numbers.
+            Mean square of the error over the length (samples,) [m^2], see :func:`mean_squares`.
         """
-        drive = drive_of(self.terms, [array[None] for array in motion], boundary_data[None])
-        squares, largest = (
-            array[0] for array in grown_errors(self.terms, drive, interval, initial_error[None], initial_rate[None])
-        )
-        squares /= self.least_mass
-        if not squares.max() < math.inf:
-            squares[np.isnan(squares)] = math.inf
-        error = largest[:-1]
-        return squares * (1.0 + self._chordwise_share(error, self.change @ motion[0][int(largest[-1])]))
-
-    def _chordwise_share(self, error: np.ndarray, q: np.ndarray) -> float:
-        """Return the mean square of the chordwise displacement over that of the deflection, for an error (R,) at q (R,)."""
-        square, chain = float(error @ error), self.chain
-        if not 0.0 < square < math.inf:
-            return 0.0
-        in_plane, stretch = self.enriched_in_plane, np.zeros(chain.links)
-        for which in (slice(in_plane), slice(in_plane, None)):
-            stretch -= (q[which] @ self.slopes[which]) * (error[which] @ self.slopes[which])
-        along = np.cumsum(stretch * chain.length)
-        along -= chain.arc_length[1:] / chain.total_length * along[-1]
-        return float(chain.p.mass * (chain.tributary_length[1:] @ along**2)) / square
+        chain, (q, rates, accelerations) = self.chain, motion
+        arrays = (q, rates, accelerations, boundary_data, initial_error, initial_rate, self.slopes)
+        *of_motion, rows, error, error_rate, slopes = (array[None] for array in arrays)
+        shapes = LinkSlopes(slopes, chain.length, chain.p.mass * chain.tributary_length)
+        return mean_squares(self.terms, shapes, self.least_mass, of_motion, rows, interval, error, error_rate)[0]
