@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.discretisation._kernels_laws import green_secant, linear_secant, taut_secant, viscous_secant
 
 # Arrays of elements have the shape (node or point, element), so that the inner loop over elements vectorises.  `unrolled` is None
 # or a tuple with one entry for each node of an element.  The compiler knows its length and unrolls sums over nodes.
@@ -60,22 +61,21 @@ def _law(square, stretching, weight, stiffness, green, viscosity, s):
     for q in range(s.shape[0]):
         w = weight[q]
         if green:
-            half_modulus = 0.5 * stiffness * w
             for e in range(s.shape[1]):
-                strain = square[q, e] - 1.0
-                below |= strain < 0.0
-                s[q, e] = half_modulus * strain
+                secant = green_secant(square[q, e], stiffness)
+                below |= secant < 0.0
+                s[q, e] = w * secant
         elif viscosity == 0.0:
             for e in range(s.shape[1]):
-                elastic = stiffness * (1.0 - 1.0 / math.sqrt(square[q, e]))
+                elastic = linear_secant(1.0 / math.sqrt(square[q, e]), stiffness)
                 below |= elastic < 0.0
-                s[q, e] = w * (elastic if elastic > 0.0 else 0.0)
+                s[q, e] = w * taut_secant(elastic, elastic)
         else:
             for e in range(s.shape[1]):
-                elastic = stiffness * (1.0 - 1.0 / math.sqrt(square[q, e]))
+                elastic = linear_secant(1.0 / math.sqrt(square[q, e]), stiffness)
                 below |= elastic < 0.0
-                total = elastic + viscosity * stiffness * stretching[q, e] / square[q, e]
-                s[q, e] = w * (total if elastic > 0.0 and total > 0.0 else 0.0)
+                total = viscous_secant(elastic, stretching[q, e], square[q, e], viscosity * stiffness)
+                s[q, e] = w * taut_secant(elastic, total)
     return below
 
 
@@ -178,13 +178,10 @@ def _extremes(x, u, order, link_element, link_rows, stiffness, green, ratios, vi
             stretching += g * g_dot
         stretch = math.sqrt(square)
         if green:
-            tension = 0.5 * stiffness * (square - 1.0) * stretch
+            tension = green_secant(square, stiffness) * stretch
         else:
-            tension = stiffness * (stretch - 1.0)
-            total = tension
-            if viscosity > 0.0:
-                total += viscosity * stiffness * stretching / stretch
-            tension = total if tension > 0.0 and total > 0.0 else 0.0
+            elastic = linear_secant(1.0 / stretch, stiffness)
+            tension = taut_secant(elastic, viscous_secant(elastic, stretching, square, viscosity * stiffness)) * stretch
         if ratios is not None:
             tension *= ratios[0, link_element[j]]
         low[j] = min(low[j], tension)

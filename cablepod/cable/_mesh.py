@@ -14,8 +14,9 @@ from cablepod._resources import check_memory
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.discretisation._formulas import green_secant
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
-from cablepod.discretisation._laws import LAWS, green_secant, linear_secant, tangent_stiffness_ratio
+from cablepod.discretisation._laws import LAWS, tangent_stiffness_ratio, taut_secant
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._nonuniform import SAME_PLACE, attachment_fractions
@@ -201,7 +202,7 @@ class SpectralMesh(LumpedChain):
         stretch, rate = np.sqrt(squares), None
         if velocity is not None and self.p.link_viscosity is not None:
             rate = np.sum(g * np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :]), axis=-1)
-        s = linear_secant(stretch, 1.0, stiffness, self.p.link_viscosity, rate)
+        s = taut_secant(stretch, 1.0, stiffness, self.p.link_viscosity, rate)
         return s * stretch, s[..., None] * g
 
     # --- output particles ---

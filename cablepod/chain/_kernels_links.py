@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import compiled
+from cablepod.discretisation._kernels_laws import green_secant, linear_secant, taut_secant, viscous_secant
 
 #: A link of this squared length over the unstretched one is taut, whatever the rounding.
 TAUT = 1.0 + 1e-12
@@ -28,20 +29,20 @@ def elastic_links(sizes, chain, x, reach, t, g):
     if chain.inverse_squares.size:
         for q in range(n):
             g[q] = chain.k[q] * chain.inverse_squares[q]
-            t[q] = 0.5 * chain.k[q] * (t[q] * chain.inverse_squares[q] - 1.0)
+            t[q] = green_secant(t[q] * chain.inverse_squares[q], chain.k[q])
     else:
         for q in range(n):
             part = chain.length[q] / math.sqrt(t[q])
-            tension, slope = chain.k[q] * (1.0 - part), chain.k[q] * part / t[q]
-            g[q] = slope if tension > 0.0 else 0.0
-            t[q] = tension if tension > 0.0 else 0.0
+            secant, slope = linear_secant(part, chain.k[q]), chain.k[q] * part / t[q]
+            g[q] = slope if secant > 0.0 else 0.0
+            t[q] = taut_secant(secant, secant)
 
 
 @compiled(forceinline=True)
 def _taut_secant(length0, length1, k, length):
     """Return difference quotient and derivative of a link that is taut at both ends of a step, see :func:`_energy_secant`."""
     total = length0 + length1
-    return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * length1)
+    return linear_secant(2.0 * length / total, k), 2.0 * k * length / (total * total * length1)
 
 
 @compiled(forceinline=True)
@@ -86,7 +87,7 @@ def conserving_links(sizes, chain, x0, x1, reach, t, g):
         slack += 0 if min(square0, square1) > TAUT * chain.length[q] * chain.length[q] else 1
     if chain.inverse_squares.size:
         for q in range(n):
-            t[q] = 0.25 * chain.k[q] * ((t[q] + g[q]) * chain.inverse_squares[q] - 2.0)
+            t[q] = green_secant(0.5 * (t[q] + g[q]) * chain.inverse_squares[q], chain.k[q])
             g[q] = 0.5 * chain.k[q] * chain.inverse_squares[q]
     elif slack == 0:  # a loop without branches is vectorised
         for q in range(n):
@@ -109,11 +110,8 @@ def _add_viscosity(sizes, chain, rates, rate, reach, t, g):
             along, at = reach[c * n + q], c * (n + lanes) + q
             square += along * along
             stretching += along * (rates[at + lanes] - rates[at])
-        damper = chain.viscosity[q] / square
-        total = t[q] + damper * stretching
-        if t[q] > 0.0:
-            t[q] = total if total > 0.0 else 0.0
-            g[q] = g[q] + damper * rate if total > 0.0 else 0.0
+        t[q] = taut_secant(t[q], viscous_secant(t[q], stretching, square, chain.viscosity[q]))
+        g[q] = g[q] + chain.viscosity[q] / square * rate if t[q] > 0.0 else 0.0
 
 
 @compiled(noalias=True, counted=False)
@@ -160,8 +158,8 @@ def _update_extremes(sizes, chain, x, low, high):
             square += (x[at + lanes] - x[at]) * (x[at + lanes] - x[at])
         stretched = math.sqrt(square)
         if chain.inverse_squares.size:
-            tension = 0.5 * chain.k[q] * (square * chain.inverse_squares[q] - 1.0) * stretched
+            tension = green_secant(square * chain.inverse_squares[q], chain.k[q]) * stretched
         else:
-            tension = max(chain.k[q] * (stretched - chain.length[q]), 0.0)
+            tension = max(linear_secant(chain.length[q] / stretched, chain.k[q]), 0.0) * stretched
         low[q] = min(low[q], tension)
         high[q] = max(high[q], tension)

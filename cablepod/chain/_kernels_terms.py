@@ -37,18 +37,7 @@ from cablepod.chain._kernels_layout import (
     Y,
     Z,
 )
-
-
-@compiled(inline="always")
-def _elastic_secant(s, j, square):
-    """Return tension over present length of a link of squared length `square` by the linear law [N/m]: k (1 - l/|R|)."""
-    return s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
-
-
-@compiled(inline="always")
-def _green_secant(s, j, square):
-    """Return the same by law (21) [N/m]: k/2 (|R|^2/l^2 - 1)."""
-    return 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+from cablepod.discretisation._kernels_laws import green_secant, linear_secant, taut_secant, viscous_secant
 
 
 @compiled(inline="always")
@@ -61,8 +50,8 @@ def _elastic_forces(s, links, spatial):
         if spatial is not None:
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-        secant = _elastic_secant(s, j, square)
-        secant = secant if secant > 0.0 else 0.0
+        elastic = linear_secant(s[LENGTH, j] / math.sqrt(square), s[STIFFNESS, j])
+        secant = taut_secant(elastic, elastic)
         s[FX, j + 1] = secant * dx
         s[FY, j + 1] = secant * dy
         if spatial is not None:
@@ -79,7 +68,7 @@ def _green_forces(s, links, spatial):
         if spatial is not None:
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-        secant = _green_secant(s, j, square)
+        secant = green_secant(square * s[INVERSE, j], s[STIFFNESS, j])
         s[FX, j + 1] = secant * dx
         s[FY, j + 1] = secant * dy
         if spatial is not None:
@@ -98,9 +87,8 @@ def _viscous_forces(s, links, viscosity, spatial):
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
             stretching += dz * (s[UZ, j + 1] - s[UZ, j])
-        elastic = _elastic_secant(s, j, square)
-        total = elastic + viscosity * s[STIFFNESS, j] * stretching / square
-        secant = total if elastic > 0.0 and total > 0.0 else 0.0
+        elastic = linear_secant(s[LENGTH, j] / math.sqrt(square), s[STIFFNESS, j])
+        secant = taut_secant(elastic, viscous_secant(elastic, stretching, square, viscosity * s[STIFFNESS, j]))
         s[FX, j + 1] = secant * dx
         s[FY, j + 1] = secant * dy
         if spatial is not None:
@@ -178,7 +166,7 @@ def _green_extremes(s, links, spatial):
         if spatial is not None:
             dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-        secant = _green_secant(s, j, square)
+        secant = green_secant(square * s[INVERSE, j], s[STIFFNESS, j])
         signed_tension_square = secant * abs(secant) * square
         s[LOW, j] = min(s[LOW, j], signed_tension_square)
         s[HIGH, j] = max(s[HIGH, j], signed_tension_square)

@@ -22,6 +22,7 @@ from cablepod.condensed._kernels_layout import (
 from cablepod.condensed._kernels_rates import _add_held_drag, _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
 from cablepod.discretisation._kernels_dense import _solve
+from cablepod.discretisation._kernels_laws import green_secant, linear_secant
 
 # --- forces -----------------------------------------------------------------------------------------------------------
 
@@ -193,7 +194,8 @@ def _record_exact(terms, stretch, closure, number, low, high, monitor):
             monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = closure[FORCE, j], number
     for j in range(low.size):
         xi = math.sqrt(stretch[j] * stretch[j] + closure[SLOPE_SQUARED, j])
-        tension = 0.5 * terms.stiffness * xi * (xi * xi - 1.0) if terms.green else terms.stiffness * (xi - 1.0)
+        secant = green_secant(xi * xi, terms.stiffness) if terms.green else linear_secant(1.0 / xi, terms.stiffness)
+        tension = secant * xi
         low[j] = min(low[j], tension)
         high[j] = max(high[j], tension)
 

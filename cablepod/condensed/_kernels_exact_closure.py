@@ -15,6 +15,7 @@ from cablepod.condensed._kernels_layout import (
     RESIDUAL,
     SLOPE_SQUARED,
 )
+from cablepod.discretisation._kernels_laws import green_secant, linear_secant
 
 #: Relative tolerance of Newton's method for a step: estimated next correction over the largest coordinate.
 NEWTON_RTOL = 1e-11
@@ -42,7 +43,7 @@ def _newton_green(strain, squared, stretch):
     curvature is half the second derivative over the first.
     """
     inverse_tangent = 1.0 / (3.0 * stretch * stretch + squared - 1.0)
-    correction = (2.0 * strain - stretch * (stretch * stretch + squared - 1.0)) * inverse_tangent
+    correction = 2.0 * (strain - stretch * green_secant(stretch * stretch + squared, 1.0)) * inverse_tangent
     return correction, 2.0 * inverse_tangent, abs(3.0 * stretch * inverse_tangent)
 
 
@@ -52,7 +53,7 @@ def _newton_linear(strain, squared, stretch):
     inverse = 1.0 / math.sqrt(stretch * stretch + squared)
     bending = squared * inverse * inverse * inverse
     inverse_tangent = 1.0 / (1.0 - bending)
-    correction = (strain - stretch * (1.0 - inverse)) * inverse_tangent
+    correction = (strain - stretch * linear_secant(inverse, 1.0)) * inverse_tangent
     return correction, inverse_tangent, abs(1.5 * stretch * bending * inverse * inverse * inverse_tangent)
 
 
@@ -199,11 +200,11 @@ def _stretch_at(strain, squared, green):
     stretch = 1.0 + max(strain, 0.0)
     for _ in range(SAFE_ITERATIONS):
         if green:
-            force = 0.5 * stretch * (stretch * stretch + squared - 1.0)
+            force = stretch * green_secant(stretch * stretch + squared, 1.0)
             tangent = 0.5 * (3.0 * stretch * stretch + squared - 1.0)
         else:
             inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-            force, tangent = stretch * (1.0 - inverse), 1.0 - squared * inverse * inverse * inverse
+            force, tangent = stretch * linear_secant(inverse, 1.0), 1.0 - squared * inverse * inverse * inverse
         change = (force - strain) / tangent
         if change <= ROUNDING * stretch:  # all corrections are downwards, but for rounding
             return sign * stretch

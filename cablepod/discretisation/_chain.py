@@ -10,12 +10,12 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
+from cablepod.discretisation._formulas import green_secant
 from cablepod.discretisation._laws import (
     LAWS,
-    green_secant,
-    linear_secant,
     strain_energy_density,
     tangent_stiffness_ratio,
+    taut_secant,
 )
 from cablepod.discretisation._nonuniform import (
     compliances,
@@ -248,7 +248,7 @@ class LumpedChain:
         rate = None
         if velocity is not None and self.p.link_viscosity is not None:
             rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
-        secant = linear_secant(stretched, self.length, self.k, self.p.link_viscosity, rate)
+        secant = taut_secant(stretched, self.length, self.k, self.p.link_viscosity, rate)
         return secant * stretched, self._with_tension_damping(secant, reach, velocity)
 
     def _with_tension_damping(self, secant: np.ndarray, reach: np.ndarray, velocity: np.ndarray | None) -> np.ndarray:

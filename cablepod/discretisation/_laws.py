@@ -2,9 +2,7 @@
 
 With the stretch xi (length over unstretched length) and the axial stiffness K the law "linear" is T = K (xi - 1), and "green" is
 eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2, whose strain energy is quadratic in the Green strain (xi^2 - 1) / 2.  Slack
-links of the linear law are handled by the callers.  Compiled, with damping by strain rate and tension:
-``chain/_kernels_links.py`` and ``_kernels_terms.py``, ``cable/_kernels_forces.py``,
-``condensed/_kernels_exact_closure.py``, ``galerkin/_kernels_energy.py``.
+links of the linear law are handled by the callers.  The formulas are in ``_formulas.py``, compiled in ``_kernels_laws.py``.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.discretisation._formulas import green_secant, linear_secant, viscous_secant
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice
 
@@ -44,16 +43,11 @@ def check_viscous_law(law: str, viscosity: float | None) -> None:
 def law_tension(stretch: Any, stiffness: Any, *, green: bool) -> Any:
     """Return the tension [N] at a stretch, negative in compression."""
     if green:
-        return 0.5 * stiffness * stretch * (stretch * stretch - 1.0)
+        return green_secant(stretch * stretch, stiffness) * stretch
     return stiffness * (stretch - 1.0)
 
 
-def green_secant(squared_stretch: Any, stiffness: Any) -> Any:
-    """Return T / xi of law "green" from the squared stretch, in the units of `stiffness`."""
-    return 0.5 * stiffness * (squared_stretch - 1.0)
-
-
-def linear_secant(
+def taut_secant(
     stretched: np.ndarray, length: Any, stiffness: Any, viscosity: float | None = None, rate: np.ndarray | None = None
 ) -> np.ndarray:
     """Return T / xi of law "linear" in the units of `stiffness`; 0 where a link is slack, or shortens so fast that T would push.
@@ -61,8 +55,9 @@ def linear_secant(
     `rate` is the inner product of each link's vector, of the length `stretched`, and its rate; None without `viscosity` [s].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        elastic = stiffness * (1.0 - length / stretched)
-        total = elastic if rate is None else elastic + viscosity * stiffness * rate / (stretched * stretched)
+        elastic = total = linear_secant(length / stretched, stiffness)
+        if rate is not None:
+            total = viscous_secant(elastic, rate, stretched * stretched, viscosity * stiffness)
     return np.where((elastic > 0.0) & (total > 0.0), total, 0.0)
 
 

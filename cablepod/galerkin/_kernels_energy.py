@@ -74,6 +74,14 @@ def _strains(y, shape, strain, field_slopes, active_axes, slopes, e):
             slopes[c, j] += shape[c, j]
 
 
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _elongation(e):
+    """Return xi - 1 at a strain e = (xi^2 - 1) / 2 without cancellation, 0 for slack links, nan for nan; and xi."""
+    xi = math.sqrt(1.0 + 2.0 * e)
+    elongation = 2.0 * e / (1.0 + xi)
+    return elongation if elongation > 0.0 else 0.0 * xi, xi
+
+
 @compiled(fastmath=FAST_DIVISION)
 def _stresses(law, e, stiffness, s):
     """Fill s with the derivatives of the energies by the strains e; return the total energy [J].
@@ -83,9 +91,7 @@ def _stresses(law, e, stiffness, s):
     energy = 0.0
     if law == LINEAR_LINKS:
         for j in range(e.size):
-            xi = math.sqrt(1.0 + 2.0 * e[j])
-            elongation = 2.0 * e[j] / (1.0 + xi)
-            elongation = elongation if elongation > 0.0 else 0.0 * xi  # keeps nan
+            elongation, xi = _elongation(e[j])
             s[j] = stiffness[j] * elongation / xi
             energy += 0.5 * stiffness[j] * elongation * elongation
     else:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.discretisation._kernels_dense import _solve
-from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _strains, _stresses
+from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _elongation, _strains, _stresses
 
 #: Maximum number of Newton iterations in a step.
 MAX_ITERATIONS = 25
@@ -56,10 +54,9 @@ def _tangent_stresses(law, stiffness, e, s, ds):
             ds[j] = stiffness[j]
         return
     for j in range(e.size):
-        xi = math.sqrt(1.0 + 2.0 * e[j])
-        taut = 1.0 if e[j] > 0.0 else 0.0
-        s[j] = taut * stiffness[j] * 2.0 * e[j] / ((1.0 + xi) * xi)
-        ds[j] = taut * stiffness[j] / (xi * xi * xi)
+        elongation, xi = _elongation(e[j])
+        s[j] = stiffness[j] * elongation / xi
+        ds[j] = stiffness[j] / (xi * xi * xi) if elongation > 0.0 else 0.0
 
 
 @compiled(fastmath=FAST_DIVISION)

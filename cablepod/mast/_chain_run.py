@@ -18,7 +18,7 @@ from cablepod.mast._breaks import steps_of_breaks
 from cablepod.mast._kernels_layout import (
     BODY,
     DRAG,
-    INVERSE_LENGTH,
+    LINK_LENGTH,
     LINK_STIFFNESS,
     PER_MASS,
     PLACE,
@@ -128,7 +128,7 @@ class ChainGuys:
         links, particles = np.empty((count, 2, n)), np.zeros((count, 4, n + 1))
         attached = [AttachedForces.of(chain, x.T) for chain, x in zip(self.chains, self.rest, strict=True)]
         for g, chain in enumerate(self.chains):
-            links[g, LINK_STIFFNESS], links[g, INVERSE_LENGTH] = chain.axial_stiffness, 1.0 / chain.length
+            links[g, LINK_STIFFNESS], links[g, LINK_LENGTH] = chain.k, chain.length
             particles[g, PER_MASS] = 1.0 / chain.mass
             particles[g, PLACE] = chain.arc_length / chain.total_length * (GUY_POINTS - 1.0)
             if self.air is not None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.chain._kernels_attached import apply_along, note_along
-from cablepod.mast._kernels_layout import BODY, DIVERGED, DONE, DRAG, INVERSE_LENGTH, LINK_STIFFNESS, PER_MASS, PLACE
+from cablepod.discretisation._kernels_laws import linear_secant, taut_secant, viscous_secant
+from cablepod.mast._kernels_layout import BODY, DIVERGED, DONE, DRAG, LINK_LENGTH, LINK_STIFFNESS, PER_MASS, PLACE
 from cablepod.wind._kernels_drag import body_drag, sample_at, straight_drag
 
 
@@ -19,13 +20,12 @@ def _link_forces(x, v, links, viscosity, forces):
     Force K (strain + viscosity times strain rate), which damps the motion between neighbouring particles along slackening links.
     """
     for j in range(forces.shape[1]):
-        stiffness, per_length = links[LINK_STIFFNESS, j], links[INVERSE_LENGTH, j]
+        stiffness, length = links[LINK_STIFFNESS, j], links[LINK_LENGTH, j]
         dx, dy, dz = x[0, j + 1] - x[0, j], x[1, j + 1] - x[1, j], x[2, j + 1] - x[2, j]
         rate = dx * (v[0, j + 1] - v[0, j]) + dy * (v[1, j + 1] - v[1, j]) + dz * (v[2, j + 1] - v[2, j])
-        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-        elastic = stiffness * (per_length - inverse)
-        secant = elastic + viscosity * stiffness * per_length * rate * inverse * inverse
-        secant = max(secant, 0.0) if elastic > 0.0 else 0.0
+        square = dx * dx + dy * dy + dz * dz
+        elastic = linear_secant(length / math.sqrt(square), stiffness)
+        secant = taut_secant(elastic, viscous_secant(elastic, rate, square, viscosity * stiffness))
         forces[0, j] = secant * dx
         forces[1, j] = secant * dy
         forces[2, j] = secant * dz

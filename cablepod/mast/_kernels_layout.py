@@ -25,9 +25,9 @@ LARGEST_KAPPA = 5  #: largest fitted kappa [1/(kg m)]
 SCALE, SLOPE_SCALE = 6, 7  #: of the shapes [kg^-1/2], of their slopes [kg^-1/2 1/m]
 #: Rows of the upper ends of condensed guys: displacement from rest in x, y, z [m], its rates in x and z [m/s].
 X, Y, Z, RATE_X, RATE_Z = range(5)
-#: Rows of the links of chains: axial stiffness [N], inverse of the length [1/m]; and of their particles: inverse of the mass
-#: [1/kg], place between the points of the air, drag on the links beside [kg/m2], on what is attached [kg/m].
-LINK_STIFFNESS, INVERSE_LENGTH = range(2)
+#: Rows of the links of chains: stiffness [N/m], length [m]; and of their particles: inverse of the mass [1/kg], place between
+#: the points of the air, drag on the links beside [kg/m2], on what is attached [kg/m].
+LINK_STIFFNESS, LINK_LENGTH = range(2)
 PER_MASS, PLACE, DRAG, BODY = range(4)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import gc
+import re
 import shutil
 from pathlib import Path
 
@@ -67,7 +68,7 @@ def test_stamps_cover_every_import():
         tree = ast.parse(path.read_text())
         modules = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
         modules += [name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names]
-        imported = {name.split(".", 1)[1] for name in modules if name and "._kernels" in name}
+        imported = {name.split(".", 1)[1] for name in modules if name and re.search(r"\._(kernels|formulas)", name)}
         found = {f"{file.parent.name}.{file.stem}" for file in _jit._with_imported(path)}
         assert imported <= found, path
 

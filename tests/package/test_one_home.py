@@ -1,4 +1,4 @@
-"""Closure, drag and dampings have one home each: with another sign there, all models that have the term change."""
+"""Laws, closure, drag and dampings have one home each: with another sign there, all models that have the term change."""
 
 from __future__ import annotations
 
@@ -22,6 +22,17 @@ SIGNS = {
         "f[j] += rate_terms.tension_damping * work[j]",
     ),
     "drag of particles": ("wind/_kernels_drag.py", "ux -= along * tx", "ux += along * tx"),
+    "linear law": (
+        "discretisation/_formulas.py", "return stiffness * (1.0 - inverse_stretch)",
+        "return stiffness * (1.0 + inverse_stretch)",
+    ),
+    "law (21)": (
+        "discretisation/_formulas.py", "return 0.5 * stiffness * (squared_stretch - 1.0)",
+        "return 0.5 * stiffness * (squared_stretch + 1.0)",
+    ),
+    "viscosity": (
+        "discretisation/_formulas.py", "return elastic + damping * rate / square", "return elastic - damping * rate / square"
+    ),
     "damping by mass": ("discretisation/_mass_damping.py", "-np.expm1(-damping * time)", "np.expm1(-damping * time)"),
 }  # fmt: skip
 #: Calls that have a term: masts and hosts have no damping by the tension, periodic responses no wind.
@@ -30,6 +41,9 @@ CALLS = {
     "drag": ["windy run", "windy batch", "mast", "windy host"],
     "damping": ["damped run", "damped batch", "damped orbit"],
     "drag of particles": ["windy chain", "windy implicit chain", "windy cable", "mast of chains"],
+    "linear law": ["chain", "implicit chain", "conserving chain", "cable", "exact run", "mast of chains"],
+    "law (21)": ["green chain", "green implicit chain", "green conserving chain", "green cable", "green exact run"],
+    "viscosity": ["viscous chain", "viscous implicit chain", "viscous cable", "mast of chains"],
     "damping by mass": ["slow chain", "slow cable", "slow run", "slow batch"],
 }
 #: Prints a number of each call; kernels are not compiled, so that it takes seconds.
@@ -81,17 +95,30 @@ def host(scene):
 def chain(scene, **options):
     return cp.chain.simulate(scene, links=4, **options).tension
 
-def cable(scene):
-    return cp.cable.simulate(scene, elements=1, order=3).tension
+def cable(scene, **options):
+    return cp.cable.simulate(scene, elements=1, order=3, **options).tension
 
-VERLET = {"scheme": "velocity_verlet"}
-plain, damped, slow = {}, {"tension_proportional": 1e-3}, {"mass_proportional": 2.0}
+def exact(scene, **options):
+    return run(scene, order="exact", **options)
+
+VERLET, GREEN = {"scheme": "velocity_verlet"}, {"law": "green"}
+IMPLICIT, CONSERVING = ({"scheme": name, "step": 0.02} for name in ("generalized_alpha", "energy_momentum"))
+plain, damped, slow, viscous = {}, {"tension_proportional": 1e-3}, {"mass_proportional": 2.0}, {"link_viscosity": 1e-3}
 calls = {
+    "chain": lambda: chain(guy(plain), **VERLET), "implicit chain": lambda: chain(guy(plain), **IMPLICIT),
+    "conserving chain": lambda: chain(guy(plain), **CONSERVING), "cable": lambda: cable(guy(plain), law="linear"),
+    "exact run": lambda: exact(guy(plain)),
+    "green chain": lambda: chain(guy(plain), **VERLET, **GREEN),
+    "green implicit chain": lambda: chain(guy(plain), **IMPLICIT, **GREEN),
+    "green conserving chain": lambda: chain(guy(plain), **CONSERVING, **GREEN),
+    "green cable": lambda: cable(guy(plain), **GREEN), "green exact run": lambda: exact(guy(plain), **GREEN),
+    "viscous chain": lambda: chain(guy(viscous), **VERLET), "viscous implicit chain": lambda: chain(guy(viscous), **IMPLICIT),
+    "viscous cable": lambda: cable(guy(viscous), law="linear"),
     "run": lambda: run(guy(plain)), "batch": lambda: batch(guy(plain)), "orbit": lambda: orbit(guy(plain)),
     "damped run": lambda: run(guy(damped)), "damped batch": lambda: batch(guy(damped)),
     "damped orbit": lambda: orbit(guy(damped)), "windy run": lambda: run(windy()), "windy batch": lambda: batch(windy()),
     "mast": mast, "host": lambda: host(guy(plain)), "windy host": lambda: host(windy()),
-    "windy chain": lambda: chain(windy()), "windy implicit chain": lambda: chain(windy(), scheme="generalized_alpha", step=0.02),
+    "windy chain": lambda: chain(windy()), "windy implicit chain": lambda: chain(windy(), **IMPLICIT),
     "windy cable": lambda: cable(windy()), "mast of chains": lambda: mast(guys="chain", links=4),
     "slow chain": lambda: chain(guy(slow)), "slow cable": lambda: cable(guy(slow)), "slow run": lambda: run(guy(slow), **VERLET),
     "slow batch": lambda: batch(guy(slow), **VERLET),

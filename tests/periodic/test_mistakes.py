@@ -187,7 +187,9 @@ def test_a_rest_in_compression_has_no_responses(length, rank, static):
     # the exact model is at rest with 1 to 25 % of compression; a response about it had tensions of a million newtons
     given = sagging(length)
     modes = cp.condensed.vibration_modes(given, rank=3, static_modes=static)
-    why = "scene: given .*in compression" if static else "modes: given . modes in the plane, without .*static_modes=True"
+    why = (
+        "scene: given .*in compression" if static else "modes: given . modes in the plane, without .*static_modes=True"
+    )
     for call, options in ((cp.periodic.orbit, {}), (cp.periodic.frequency_response, {"frequency": (0.5, 1.0)})):
         with pytest.raises(SceneError, match=why):
             call(given, modes, rank=rank, order="exact", **options)

@@ -1,0 +1,24 @@
+"""Formulas of the material laws, for numbers and arrays, which kernels compile too (``_kernels_laws.py``); see ``_laws.py``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def linear_secant(inverse_stretch: Any, stiffness: Any) -> Any:
+    """Return T / xi of law "linear" from 1 / xi, in the units of `stiffness`; negative in compression."""
+    return stiffness * (1.0 - inverse_stretch)
+
+
+def green_secant(squared_stretch: Any, stiffness: Any) -> Any:
+    """Return T / xi of law "green" from the squared stretch, in the units of `stiffness`; negative in compression."""
+    return 0.5 * stiffness * (squared_stretch - 1.0)
+
+
+def viscous_secant(elastic: Any, rate: Any, square: Any, damping: Any) -> Any:
+    """Return T / xi with viscosity, from that without.
+
+    `rate` is the inner product of a link's vector of the squared length `square` and its rate; `damping` is viscosity [s] times
+    stiffness.
+    """
+    return elastic + damping * rate / square
