@@ -27,9 +27,11 @@ def check_backend() -> None:
     try:
         import matplotlib  # noqa: F401
     except ValueError as error:
-        raise scene_error(
-            "MPLBACKEND", os.environ.get("MPLBACKEND"), 'a backend of matplotlib, such as "Agg", or none'
-        ) from error
+        allowed = (
+            'a backend of matplotlib, such as "Agg", or none; try: another one and a new process, as matplotlib cannot be '
+            "imported in this one any more"
+        )
+        raise scene_error("MPLBACKEND", os.environ.get("MPLBACKEND"), allowed) from error
 
 
 def write_figures(

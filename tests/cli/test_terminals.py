@@ -49,6 +49,9 @@ def test_a_study_in_memory_draws_nothing_and_an_unknown_backend_is_refused_befor
     first, refused, last = done.stdout.splitlines()
     assert first == "['soft.toml'] []"
     assert refused.startswith("MPLBACKEND: given 'nonsense'; allowed: a backend of matplotlib")
+    assert refused.endswith(
+        "; try: another one and a new process, as matplotlib cannot be imported in this one any more"
+    )
     assert last == "['soft.toml']"
 
 
