@@ -9,10 +9,10 @@ from typing import Any
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._resources import check_memory
+from cablepod._resources import check_bytes
 from cablepod.batch._members import BatchPlan, over_members, over_members_by
 from cablepod.cable._air import MeshAir
-from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
+from cablepod.cable._mesh import COMPARED_POINTS, SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, space_error_of
 from cablepod.cable._start import attached_forces, converged_equilibrium, start
@@ -277,9 +277,11 @@ def simulate(
     title = str(scene.attrs.get("title", "scene"))
     cable_air = air_of(p, float(instants[-1]), wind)
 
+    is_compared = step is None or elements is None or "error_estimate" in request.outputs
+
     def runs(count: int, order: int | None = order) -> dict[str, CableRun]:
         mesh = mesh_of(p, count, order, law, points)
-        check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
+        _check_memory(mesh, instants.size, request.scheme, is_compared=is_compared)
         air = None if cable_air is None else MeshAir(mesh, cable_air)
         initial = start(mesh, air)
         options = request.of_run(instants, air=air, attached=attached_forces(mesh, initial, air))
@@ -315,6 +317,21 @@ def simulate(
         scheme=solution.run.scheme,
         points=points,
     )
+
+
+def _check_memory(mesh: SpectralMesh, instants: int, scheme: str | None, *, is_compared: bool) -> None:
+    """Refuse a run whose largest arrays together, of all output times, would not fit in memory.
+
+    These are positions, also of two earlier runs with which it is compared, and the more of two: for the energy, what the kernels
+    have saved, by implicit schemes velocities and accelerations too, with the gradient at the quadrature points in three forms;
+    for the result, the nodes around each place between particles, or compared point, with what they give there and the output.
+    """
+    nodes, places = mesh.links + 1, max(mesh.particles.size, COMPARED_POINTS * is_compared)
+    in_run = (1 if scheme == SCHEMES[0] else 3) * nodes + 3 * mesh.length.size
+    in_result = (mesh.order + 1 + 2) * places
+    needed = 8.0 * instants * mesh.p.dims * ((3 if is_compared else 1) * nodes + max(in_run, in_result))
+    cells = f"{mesh.sizes.size} elements of order {mesh.order}"
+    check_bytes(needed, "elements and times", f"{cells} and {instants} instants, {needed / 1e9:.3g} GB in the run")
 
 
 def _warn_of_energy_excess(excess: float) -> None:

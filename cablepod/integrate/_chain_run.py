@@ -140,8 +140,10 @@ class ChainRun(Run):
         """Place the output times on the steps, with the steps that means of the tensions need."""
         instants = self.saving(super().instants(steps_per_second))
         links, dims = self.chain.links, self.chain.p.dims
-        if instants.needs_interpolation:  # positions, velocities and accelerations at both neighbours are kept
-            check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
+        if instants.needs_interpolation:
+            # at both neighbours: positions, velocities and accelerations, as the kernels save them and in our order (12), in
+            # explicit runs half-step velocities of all nodes (4); the terms of the polynomials (10)
+            check_memory(instants.times.size, links, dims, key="times between two steps", variables=26)
         if wants_means(self.outputs):
             check_memory(instants.steps.size, links, dims, key="steps of the means", variables=6)
         return instants
