@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from cablepod.condensed._error_coefficients import (
     terms_of_model,
     unit_coefficients,
 )
-from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, ErrorTerms, LeadingTerms, runtime_sizes
+from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, Drive, ErrorTerms, LeadingTerms, runtime_sizes
 from cablepod.condensed._newton import solve_each
 from cablepod.discretisation._chain import LumpedChain
 
@@ -26,17 +26,6 @@ START_ITERATIONS, START_RTOL = 20, 1e-9
 #: Number of values at points or links that are computed at a time: larger arrays are given back to the system and fetched anew
 #: in each call, which takes longer than the products.
 VALUES_AT_A_TIME = 20_000
-
-
-class Drive(NamedTuple):
-    """What drives the errors of members: exact forces less those to leading order, less accelerations of the motion."""
-
-    #: Boundary data of the samples (members, samples, columns), with the chord at which the closure to leading order has the
-    #: change of H by the exact closure; what the closure of a motion to leading order misses acts on the whole shape.
-    rows: np.ndarray
-    y: np.ndarray  #: motion in enriched coordinates (members, samples, R)
-    difference: np.ndarray  #: D less its accelerations with damping (members, samples, R)
-    largest_force: np.ndarray  #: largest chordwise force (members, samples) [N]
 
 
 def drive_of(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.ndarray) -> Drive:

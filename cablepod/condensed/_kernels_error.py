@@ -204,7 +204,7 @@ def error_growth(
     step
         Interval of the samples [s].
     rows, y, difference, largest_force
-        See :class:`cablepod.condensed._error_equation.Drive`; the rows (members, samples columns).
+        See :class:`cablepod.condensed._kernels_layout.Drive`; the rows (members, samples columns).
     vectors
         Errors at the start, their rates, and work arrays (members, 8 + springs, R + 2); changed.
     mean_squares

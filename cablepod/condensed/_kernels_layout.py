@@ -240,6 +240,17 @@ class ErrorTerms(NamedTuple):
     corrections: int  #: number of joint Newton corrections of the closure
 
 
+class Drive(NamedTuple):
+    """What drives the errors of members: exact forces less those to leading order, less accelerations of the motion."""
+
+    #: Boundary data of the samples (members, samples, columns), with the chord at which the closure to leading order has the
+    #: change of H by the exact closure; what the closure of a motion to leading order misses acts on the whole shape.
+    rows: np.ndarray
+    y: np.ndarray  #: motion in enriched coordinates (members, samples, R)
+    difference: np.ndarray  #: D less its accelerations with damping (members, samples, R)
+    largest_force: np.ndarray  #: largest chordwise force (members, samples) [N]
+
+
 def initial_monitor(omega_squared_limit: float, chord_tension: float) -> np.ndarray:
     """Return the monitor (MONITOR_ROWS,) before the first step, for a limit [1/s^2] and the initial H [N]."""
     monitor = np.zeros(MONITOR_ROWS)

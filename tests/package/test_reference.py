@@ -6,9 +6,11 @@ import ast
 import doctest
 import importlib
 import inspect
+import itertools
 import pkgutil
 import pydoc
 import re
+import typing
 from pathlib import Path
 from types import ModuleType
 
@@ -164,3 +166,12 @@ def test_pages_of_the_reference():
     assert formula.replace("<", "&lt;") in page
     assert "$$\n\\_x\n$$" in page
     assert "A</a>" in page.toc_html
+
+
+def test_named_tuples_of_the_reference_have_types_that_are_found():
+    """Where annotations are texts, a named tuple does not know the module that has their names: no page can show them."""
+    docs = pytest.importorskip("docs", reason="needs the extra docs", exc_type=ImportError)
+    modules = [docs.pdoc.doc.Module.from_name(name) for name in docs.pdoc.extract.walk_specs(docs.MODULES)]
+    for item in itertools.chain.from_iterable(map(docs.members, modules)):
+        if isinstance(item, docs.pdoc.doc.Class) and issubclass(item.obj, tuple):
+            assert typing.get_type_hints(item.obj.__new__), item.fullname
