@@ -150,7 +150,8 @@ def grown_errors(
     return squares, largest
 
 
-class LinkSlopes(NamedTuple):
+@dataclass(frozen=True)
+class LinkSlopes:
     """Slopes of the enriched shapes on the links of members."""
 
     slopes: np.ndarray  #: (members, R, n) [kg^-1/2 m^-1]
