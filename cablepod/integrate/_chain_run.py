@@ -141,7 +141,7 @@ class ChainRun(Run):
         instants = self.saving(super().instants(steps_per_second))
         links, dims = self.chain.links, self.chain.p.dims
         if instants.needs_interpolation:
-            # at both neighbours: positions, velocities and accelerations, as kernels save them and in the order of the output (12), in
+            # at both neighbours: positions, velocities and accelerations, as kernels save and as outputs order them (12), in
             # explicit runs half-step velocities of all nodes (4); the terms of the polynomials (10)
             check_memory(instants.times.size, links, dims, key="times between two steps", variables=26)
         if wants_means(self.outputs):
