@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs._taken import powers
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import number
 
@@ -116,7 +117,7 @@ def equivalent(
     Parameters
     ----------
     series
-        Numbers along `dim`, as in :func:`ranges`, with the coordinate `dim` [s].
+        Numbers along `dim`, as in :func:`ranges`, with the coordinate `dim` [s], or dates or differences of times.
     exponent
         Exponent m of the S-N curve, damage per cycle proportional to range^m.
     frequency
@@ -133,7 +134,8 @@ def equivalent(
     Raises
     ------
     SceneError
-        As :func:`ranges`, for an exponent or frequency that is not positive, and for a coordinate that does not rise.
+        As :func:`ranges`, for an exponent or frequency that is not positive, and for a coordinate that does not rise or has
+        units other than s.
 
     Notes
     -----
@@ -151,12 +153,7 @@ def equivalent(
     """
     m, reference = number(above=0.0)("exponent", exponent), number(above=0.0)("frequency", frequency)
     scale, sums, dims = _damage_sums(series, m, dim)
-    label = series.coords.variables.get(dim)
-    if label is None:
-        raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
-    place = np.asarray(label.values, dtype=float)
-    if not (place[1:] > place[:-1]).all():
-        raise SceneError(f"series: given a coordinate {dim} that does not rise; allowed: increasing instants [s]")
+    place = _instants(series, dim)
     values = scale * (sums / (reference * (place[-1] - place[0]))) ** (1.0 / m)
     of = series.attrs.get("long_name", series.name or "the series")
     attrs = {
@@ -166,6 +163,22 @@ def equivalent(
         "frequency": float(reference),
     }
     return _of_series(series, values, dims, attrs)
+
+
+def _instants(series: xr.DataArray, dim: str) -> np.ndarray:
+    """Return the coordinate of a series [s], of dates from the first on."""
+    label = series.coords.variables.get(dim)
+    if label is None:
+        raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
+    place, units = label.values, label.attrs.get("units", "s")
+    if place.dtype.kind in "mM":
+        place = (place - place[0]) / np.timedelta64(1, "s")
+    elif units != "s" and powers(str(units)) != {"s": 1}:
+        raise SceneError(f"series: given a coordinate {dim} in {units}; allowed: {dim} [s]")
+    place = np.asarray(place, dtype=float)
+    if not (place[1:] > place[:-1]).all():
+        raise SceneError(f"series: given a coordinate {dim} that does not rise; allowed: increasing instants [s]")
+    return place
 
 
 def damage(

@@ -192,3 +192,16 @@ def test_a_curve_without_a_positive_number_is_refused(key):
     options = {"slope": 3, "reference_range": 8.0, "reference_cycles": 1000} | {key: 0.0}
     with pytest.raises(cp.SceneError, match=f"^{key}: given 0"):
         cp.fatigue.damage(series_of([0, 4, 0]), **options)
+
+
+def test_the_duration_is_in_seconds():
+    time = np.arange(0.0, 100.0, 0.25)
+    series = xr.DataArray(np.sin(2.0 * np.pi * time), dims="time", coords={"time": ("time", time, {"units": "second"})})
+    known = cp.fatigue.equivalent(series)
+    for start in (np.datetime64(0, "ms"), np.timedelta64(0, "ms")):
+        dated = series.assign_coords(time=start + (1e3 * time).astype("timedelta64[ms]"))
+        assert float(cp.fatigue.equivalent(dated)) == pytest.approx(float(known), rel=1e-12)
+    for units, factor in (("ms", 1e3), ("min", 1.0 / 60.0)):
+        other = series.assign_coords(time=("time", factor * time, {"units": units}))
+        with pytest.raises(cp.SceneError, match=rf"series: given a coordinate time in {units}; allowed: time \[s\]"):
+            cp.fatigue.equivalent(other)
