@@ -156,26 +156,26 @@ def _embed(z, n, r, full):
 
 
 @compiled
-def _largest_deflection(z, n, n_in_plane, basis, shapes):
-    """Return the largest deflection from its mean, of all phases (M, columns) and particles (n, particles)."""
-    columns = (z.size - 1) // n
-    particles = shapes.shape[1]
-    x, y = np.empty(particles), np.empty(particles)
-    largest = 0.0
+def _largest_deflection(z, n, basis, shapes):
+    """Return the largest deflection from its mean, of all phases (M, columns) and particles (n, normals, particles)."""
+    columns, (_, normals, particles) = (z.size - 1) // n, shapes.shape
+    deflection, largest = np.empty((normals, particles)), 0.0
     for k in range(basis.shape[0]):
-        x[:], y[:] = 0.0, 0.0
+        for d in range(normals):
+            for j in range(particles):
+                deflection[d, j] = 0.0
         for a in range(n):
             q = 0.0
             for c in range(1, columns):
                 q += basis[k, c] * z[c * n + a]
-            if a < n_in_plane:
+            for d in range(normals):
                 for j in range(particles):
-                    x[j] += q * shapes[a, j]
-            else:
-                for j in range(particles):
-                    y[j] += q * shapes[a, j]
+                    deflection[d, j] += q * shapes[a, d, j]
         for j in range(particles):
-            largest = max(largest, x[j] * x[j] + y[j] * y[j])
+            square = 0.0
+            for d in range(normals):
+                square += deflection[d, j] * deflection[d, j]
+            largest = max(largest, square)
     return math.sqrt(largest)
 
 
@@ -198,7 +198,7 @@ def map_columns(
         Terms and boundary data for the n coordinates of the orbit and for all r, see
         :class:`cablepod.periodic._kernels_layout.Forced`; amplitudes are the first dimension of their arrays.
     shapes, split
-        Shapes of the n coordinates (n, particles) [m]; number of coordinates of the first set.
+        Shapes of the n coordinates along each normal (n, normals, particles) [m]; number of coordinates of the first set.
     basis, phases_basis, stride, samples
         See :func:`cablepod.periodic._kernels_forces.leading_samples` and :func:`multipliers`.
     orbits, growth, kind, response, least, tail
@@ -261,7 +261,7 @@ def map_columns(
             if r > split:
                 growth[1, a, f], kind[1, a, f] = growth_of(real[2 * split :], imag[2 * split :], duration)
             least[a, f] = smallest[0]
-            response[a, f] = _largest_deflection(z, n, min(n, split), phases_basis, shapes)
+            response[a, f] = _largest_deflection(z, n, phases_basis, shapes)
 
 
 @compiled

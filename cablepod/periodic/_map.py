@@ -72,7 +72,11 @@ def compute_map(
     scaled = omega / frequency_scale
     check_period(base, 2.0 * np.pi / scaled[0])
     equal = _equal_steps(amplitudes)
-    shapes = np.concatenate(base.sets)[:split] * length_scale
+    moved = base.sets[:1] if base.is_planar else base.sets
+    shapes, first = np.zeros((split, len(moved), moved[0].shape[1])), 0
+    for normal, own in enumerate(moved):
+        shapes[first : first + len(own), normal] = own * length_scale
+        first += len(own)
     columns_of_rows = base.rows(1, 1).shape[2]
     most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * columns_of_rows)))
 

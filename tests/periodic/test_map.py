@@ -123,3 +123,18 @@ def test_a_map_that_no_memory_holds_is_refused():
     grid = {"frequency": np.linspace(5.0, 6.0, 10**5), "amplitude": np.linspace(1e-3, 1e-2, 10**5)}
     with pytest.raises(cp.SceneError, match="frequency and amplitude: given"):
         cp.periodic.stability_map(scene, modes, **grid)
+
+
+def test_the_response_in_space_is_that_of_both_deflections():
+    tables = {
+        "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 12000.0},
+        "ends": {"lower": [0.0, 0.0, 0.0], "upper": [30.0, 25.0, 8.0]},
+        "chain": {"links": 30},
+        "damping": {"mass_proportional": 0.6},
+        "motion": {"upper": {axis: {"kind": "harmonic", "amplitude": 2e-3, "angular_frequency": 5.0} for axis in "xz"}},
+    }
+    scene = cp.make_scene(tables)
+    modes = cp.condensed.vibration_modes(scene, rank=3, static_modes=True)
+    found = cp.periodic.stability_map(scene, modes, frequency=[5.0], amplitude=[1e-3, 2e-3])
+    orbit = cp.periodic.orbit(scene, modes, outputs=())
+    assert float(found.response[1, 0]) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
