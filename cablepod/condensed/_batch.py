@@ -69,10 +69,10 @@ def run(
 
     def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
         p = members[i]
-        member_model = rescaled_model(unit, p) if same_structure(p, unit.chain.p) else make(p)
-        solution = solve(member_model, request)
-        result = variables(member_model, solution.state, request.outputs, request.links)
-        result |= places_of(member_model, result, request.links)
+        solution = solve(rescaled_model(unit, p) if same_structure(p, unit.chain.p) else make(p), request)
+        model = solution.run.model  # with the loads of the wind
+        result = variables(model, solution.state, request.outputs, request.links)
+        result |= places_of(model, result, request.links)
         result.pop("link_number", None)  # which is the same of all members
         if in_blocks is not None:
             del result["end_position"]
