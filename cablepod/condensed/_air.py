@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.chain._air import ChainAir
 from cablepod.chain._start import refuse_rest_in_wind
 from cablepod.condensed._air_places import AirPlaces, filled_up, projection_matrix
 from cablepod.condensed._attached import BodyLoads
@@ -238,15 +239,27 @@ class CondensedAir:
         return drag_step_limit(self.rate)
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return initial coordinates and rates (r,), in equilibrium with the drag at the start unless a shape is given.
+        """Return initial coordinates and rates (r,), in equilibrium with the drag at the start unless a start is given.
 
         Raises
         ------
         SceneError
             Where no equilibrium is found.
         """
-        q, rates = self.model.initial()
-        return (q if self.model.chain.p.initial else self.in_mean_wind.rest.copy()), rates
+        model, rates = self.model, self.model.initial()[1]
+        if model.chain.p.initial:
+            return model.coordinates(self.start_deflection)[0], rates
+        return self.in_mean_wind.rest.copy(), rates
+
+    @cached_property
+    def start_deflection(self) -> np.ndarray:
+        """Deflection of the chain at the start, see :meth:`CondensedModel.start_deflection`."""
+        return self.model.start_deflection(self.of_chain)
+
+    @property
+    def of_chain(self) -> ChainAir:
+        """The same air along the particles of the chain."""
+        return ChainAir(self.model.chain, self.air)
 
     @cached_property
     def rest(self) -> np.ndarray:

@@ -118,28 +118,28 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     for forces, damping in further:
         equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
     squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate) + displaced
-    along = waves_of(model, float(state.instants.times[-1]))
+    along = waves_of(model, float(state.instants.times[-1]), air if p.initial else None)
     scale = motion_or_missed(scale, chord_of(model), squares)
     return min(math.sqrt(squares.max() + along * along) / scale, MAX_ERROR)
 
 
 @lru_cache(KEPT_EQUATIONS)
-def waves_of(model: CondensedModel, end_time: float) -> float:
-    """Return the rms displacement of waves along the cable [m]; kept as long as the model is."""
+def waves_of(model: CondensedModel, end_time: float, air: CondensedAir | None = None) -> float:
+    """Return the rms displacement of waves along the cable [m], of a given start in air; kept as long as the model is."""
     p, length = model.chain.p, model.chain.total_length
     if model.is_uniform:
         return waves(p, length, end_time)
     of_ends = waves(replace(p, mass=model.root_total_mass**2 / length), length, end_time)  # in a bar of the same mass
-    return math.hypot(of_ends, _displacement_at_start(model) if p.initial else 0.0)
+    return math.hypot(of_ends, _displacement_at_start(model, air) if p.initial else 0.0)
 
 
-def _displacement_at_start(model: CondensedModel) -> float:
+def _displacement_at_start(model: CondensedModel, air: CondensedAir | None) -> float:
     """Return the rms distance along the chord of a given start from that of the model [m].
 
     Parts of different stiffness that start with another tension than that of their rest are not balanced along the chord.
     """
-    chain, q = model.chain, model.initial_state[0]
-    position, ends = start(chain), chain.p.initial_ends[None]
+    chain, q = model.chain, (model if air is None else air).initial()[0]
+    position, ends = start(chain, None if air is None else air.of_chain), chain.p.initial_ends[None]
     stretch = close_chord(model, q[None], np.zeros(1), ends)[0]
     given = ChordFrame.of((position[-1] - position[0])[None], model.reference).split(position[None])[0]
     squares = (running_sum(stretch * chain.length) - given)[0] ** 2
@@ -159,13 +159,14 @@ def _error_at_start(
         )
     else:
         equation = ErrorEquation.of_nonuniform(model)
-    q = model.initial_state[0]
+    q = (model if air is None else air).initial()[0]
     if model.chain.p.initial:
-        error = equation.coordinates(model.start_deflection()[:, 0]) - equation.change @ q
+        deflection = model.start_deflection() if air is None else air.start_deflection
+        error = equation.coordinates(deflection[:, 0]) - equation.change @ q
     elif air is None:
         error = equation.error_at_rest(q, model.static_boundary_data)
     else:
-        q, static = air.initial()[0], model.static_boundary_data
+        static = model.static_boundary_data
         drag = EnrichedDrag.of(equation, air).at_rest(q, static)
         error = equation.with_forces().error_at_rest(q, np.concatenate([static, drag]))
     error_rate = np.zeros_like(error)

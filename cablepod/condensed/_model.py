@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.chain._air import ChainAir
 from cablepod.chain._start import start
 from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
 from cablepod.condensed._coefficients import Coefficients
@@ -184,9 +185,9 @@ class CondensedModel(Coefficients):
         acceleration, _, chord_tension = self.force(q, v, boundary_data)
         return acceleration, chord_tension, self.omega_max_squared(q, boundary_data, chord_tension)
 
-    def start_deflection(self) -> np.ndarray:
-        """Return the deflection of the chain at the start (normals, 1, particle) [m]."""
-        position = start(self.chain)
+    def start_deflection(self, air: ChainAir | None = None) -> np.ndarray:
+        """Return the deflection of the chain at the start (normals, 1, particle) [m], in air along it; None for still air."""
+        position = start(self.chain, air)
         return ChordFrame.of((position[-1] - position[0])[None], self.reference).split(position[None])[1]
 
     @cached_property

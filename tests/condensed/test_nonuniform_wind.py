@@ -82,3 +82,40 @@ def test_a_small_attachment_changes_little() -> None:
     moved = np.abs(runs[0].position.values - runs[0].position.values[0]).max()
     # gusts between the points of two parts are held better than by those of the whole cable
     assert np.abs(runs[1].position.values - runs[0].position.values).max() < 0.01 * moved
+
+
+def test_members_have_the_drag_of_bodies() -> None:
+    """The chordwise drag of a body is in positions and tensions of members as it is in those of a scene alone."""
+    tables = {**GUY, "time": {"duration": 1.0, "interval": 0.1}, "chain": {"links": 40}, **CASES["body"][0]}
+    scene = cp.make_scene(tables)
+    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
+    members = cp.ensemble.design(scene, {"cable.top_tension": [15000.0, 15500.0]}, sampling="list", members=2)
+    outputs = ("position", "tension", "tension_extremes")
+    alone, found = (cp.condensed.simulate(given, modes, outputs=outputs) for given in (scene, members))
+    for name in ("position", "tension", "tension_maximum"):
+        assert np.abs(found[name].isel(member=0) - alone[name]).max() <= 1e-9 * np.abs(alone[name]).max(), name
+
+
+@pytest.mark.filterwarnings(
+    "ignore:the model expects an error:cablepod.errors.OutOfRangeWarning"
+)  # of a motion of nearly 0
+@pytest.mark.parametrize(("order", "tables"), [("leading", {}), ("exact", {}), ("leading", {"segment": PARTS})])
+def test_a_start_at_another_tension_is_at_rest_in_the_wind(order: str, tables: dict[str, Any]) -> None:
+    """With the cable's own tension nothing moves; before, the start had the shape in still air."""
+    steady = {"speed": 25.0, "direction": [1.0, 0.0, 0.5], "profile": "uniform", "ground": -10.0}
+    given = {**GUY, "wind": steady, "time": {"duration": 2.0, "interval": 0.05}, "chain": {"links": 40}, **tables}
+    key = "unstretched_length" if tables else "top_tension"
+    own = float(cp.chain.rest(cp.make_scene(given)).unstretched_length) if tables else 15000.0
+    moved = []
+    for factor in (1.0, 1.0005 if tables else 1.1):
+        scene = cp.make_scene({**given, "initial": {key: factor * own}})
+        modes = cp.condensed.vibration_modes(scene, rank=12, static_modes=True)
+        runs = (
+            cp.chain.simulate(scene, outputs=("position",), tolerance=1e-3),
+            cp.condensed.simulate(scene, modes, order=order),
+        )
+        moved.append([np.abs(run.position.values - run.position.values[0]).max() for run in runs])
+    scale = moved[1][0]
+    assert moved[0][0] < 1e-6 * scale
+    assert moved[0][1] < 0.02 * scale  # the modes hold the shape in the wind so well
+    assert moved[1][1] == pytest.approx(scale, rel=0.05)
