@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._mast import MastParameters
-from cablepod.scene._wind_field import checked_field, field_of_record, key_of_record
+from cablepod.scene._wind_field import by_axes, checked_field, field_of_record, key_of_record
 
 #: Points of the air along each guy, and along the mast.
 GUY_POINTS, MAST_POINTS = 9, 17
@@ -73,6 +73,7 @@ def at_mast_points(
         For a field without points on the mast or on a guy, and as :func:`checked_field`; the message begins with `key`.
     """
     position, number, relative = mast_points(p)
+    given = by_axes(given) if isinstance(given, xr.Dataset) else given
     velocity: Any = None
     mean, time = np.empty((len(position), 3)), np.empty(0)
     for line in range(len(p.guys) + 1):

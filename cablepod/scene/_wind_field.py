@@ -104,12 +104,12 @@ def checked_field(
     _check_numbers(key, given, "wind", ("time", "point", "component"))
     if given.variables["component"].dims != ("component",):
         raise SceneError(f"{key}: given component over {given['component'].dims}; allowed: the axes over component")
+    given = by_axes(given)
+    axes, own = "xyz"[: p.dims], given.variables["component"].values
+    if list(own) != list(axes):
+        raise SceneError(f"{key}: given the components {', '.join(map(str, own))}; allowed: {', '.join(axes)}")
     time = np.asarray(given.variables["time"].values, dtype=float)
     velocity = given.variables["wind"].transpose("time", "point", "component").values.astype(float, copy=False)
-    if list(given.variables["component"].values) != list("xyz"[: p.dims]):
-        raise SceneError(
-            f"{key}: given the components {', '.join(map(str, given['component'].values))}; allowed: {', '.join('xyz'[: p.dims])}"
-        )
     if time.size < 2 or not velocity.shape[1] or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
         raise SceneError(
             f"{key}: given instants that do not rise, or none ({time.size} instants, {velocity.shape[1]} points); "
@@ -139,6 +139,12 @@ def checked_field(
         if not np.isfinite(mean).all():
             raise SceneError(f"{key}: given a mean_wind that is not finite; allowed: finite velocities [m/s]")
     return time, sigma, velocity, mean
+
+
+def by_axes(field: xr.Dataset) -> xr.Dataset:
+    """Return a field whose components are in the order of the axes; as it is where they have no such labels."""
+    names = field.variables["component"].values.tolist() if "component" in field.variables else []
+    return field if names == sorted(map(str, names)) else field.isel(component=np.argsort(list(map(str, names))))
 
 
 def _check_variables(key: str, given: Any, names: tuple[str, ...], allowed: str) -> None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import xarray as xr
+from mast_scenes import small, windy
 from scipy.integrate import solve_bvp
 from scipy.optimize import curve_fit
 from suite import slow
@@ -227,6 +228,20 @@ def test_a_given_field_stands_for_that_of_the_scene():
         for wind in (None, field)
     ]
     assert np.abs(runs[0] - runs[1]).max() < 1e-12
+
+
+def test_components_of_a_field_are_found_by_their_label():
+    scene = gusty(time={"duration": 1.0, "interval": 0.1}, chain={"links": 10})
+    field = cp.wind.field(scene)
+    turned = field.isel(component=[2, 0, 1])
+    first, second = (cp.chain.simulate(scene, step=1e-3, wind=wind).position for wind in (field, turned))
+    assert np.array_equal(first, second)
+    storm = small(windy)
+    field = cp.wind.field(storm).drop_vars(["guy", "relative_arc_length"])  # found by its positions
+    first, second = (
+        cp.mast.simulate(storm, wind=wind).displacement for wind in (field, field.isel(component=[1, 2, 0]))
+    )
+    assert np.array_equal(first, second)
 
 
 @pytest.mark.parametrize(
