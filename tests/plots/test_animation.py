@@ -14,9 +14,6 @@ from itertools import pairwise
 import matplotlib as mpl
 import numpy as np
 import pytest
-
-mpl.use("Agg")
-
 from drawings import TIME, modes_of, trajectory
 from matplotlib import animation
 from matplotlib import pyplot as plt
@@ -24,12 +21,6 @@ from PIL import Image
 
 from cablepod import plots
 from cablepod.errors import SceneError
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def lines_of(movie):

@@ -8,9 +8,6 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
-
-mpl.use("Agg")
-
 from drawings import SIGMA, TIME, modes_of, texts, trajectory
 from matplotlib import pyplot as plt
 from matplotlib.testing.compare import compare_images
@@ -20,12 +17,6 @@ from cablepod.conventions import VARIABLES
 from cablepod.errors import SceneError
 
 BASELINE = Path(__file__).resolve().parent / "baseline"
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def pulled(slack=False):

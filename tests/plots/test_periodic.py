@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
 
-mpl.use("Agg")
-
-from matplotlib import pyplot as plt
-
 from cablepod import plots
 from cablepod.errors import SceneError
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def response():

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-
-mpl.use("Agg")
-
 from drawings import texts
-from matplotlib import pyplot as plt
 
 import cablepod as cp
 from cablepod import plots
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def comparison() -> xr.Dataset:

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import copy
 from functools import partial
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
 from drawings import SIGMA, TIME, modes_of, texts, trajectory
-
-mpl.use("Agg")
-
 from matplotlib import pyplot as plt
 
 from cablepod import plots
 from cablepod.errors import SceneError
-
-
-@pytest.fixture(autouse=True)
-def _clean():
-    """Every test closes its figures and must leave the global options as they were."""
-    before = copy.deepcopy(dict(mpl.rcParams))
-    yield
-    plt.close("all")
-    assert dict(mpl.rcParams) == before
 
 
 def reduced_run(separate=True):

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
-
-mpl.use("Agg")
-
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 
@@ -16,12 +12,6 @@ import cablepod as cp
 from cablepod import plots
 
 TIME = np.arange(0.0, 100.0, 0.05)
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def field(heights=(0.0, 10.0, 20.0)):
