@@ -16,7 +16,7 @@ import xarray as xr
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.plots import _style
-from cablepod.plots._style import COLOURS, MARKERS, MAX_DOTS, SIGMA
+from cablepod.plots._style import COLOURS, SIGMA
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -204,28 +204,13 @@ def animate(
     times = positions["chain"]["time"].values
     count = min(_count(chain, times) if frames is None else integer(least=1)("frames", frames), times.size)
     picked = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
-    curves: list[tuple[np.ndarray, np.ndarray]] = []
-    for key, position in positions.items():
-        rows, values = _style.instants(key, position["time"].values, times[picked]), position.values
-        if deflection:
-            up = _style.deflection(key, values)[rows]
-            curves.append((np.broadcast_to(_style.sigma(key, runs[key]), up.shape), up))
-        else:
-            curves.append((values[rows, :, 0], values[rows, :, 1]))
-    ax = private_axes() if ax is None else ax
+    curves = list(_style.curves(runs, positions, times[picked], deflection=deflection).values())
+    ax = _style.private_axes() if ax is None else ax
     ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[picked[0]]:g} s")
     lines = []
     for key, (across, up) in zip(runs, curves, strict=True):
-        style: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.5}
-        if key == "chain":
-            every = max(1, across.shape[1] // MAX_DOTS)
-            style = {
-                "color": COLOURS[0],
-                "linestyle": "none",
-                "marker": MARKERS[0],
-                "markersize": 4,
-                "markevery": every,
-            }
+        line: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.5}
+        style = _style.dots(0, across.shape[1]) if key == "chain" else line
         lines += ax.plot(across[0], up[0], label=_style.name(runs[key], key), **style)
     if deflection:
         ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
@@ -250,13 +235,3 @@ def _count(run: xr.Dataset, times: np.ndarray) -> int:
     """Return the number of frames that shows the fastest driven motion of a run with these instants [s]."""
     scale = float(run.attrs.get("shortest_time_scale", np.inf))
     return int(np.clip(np.ceil(FRAMES_PER_CHANGE * (times[-1] - times[0]) / scale) + 1, LEAST_FRAMES, MOST_FRAMES))
-
-
-def private_axes() -> Axes:
-    """Make axes of a figure unknown to pyplot, so that a notebook does not show it twice."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.5, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure.subplots()

@@ -12,7 +12,7 @@ from cablepod.conventions import printed
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice, number, numbers_list
 from cablepod.plots import _style
-from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MAX_DOTS, MAX_INSTANTS, PLACE, SIGMA
+from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MAX_INSTANTS, PLACE, SIGMA
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,14 +62,7 @@ def shapes(
     positions = _style.positions(runs)
     wanted = _wanted(positions["chain"], times)
     across = _moves_across(positions["chain"].values, deflection=deflection)
-    curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for key, position in positions.items():
-        pick, values = _style.instants(key, position["time"].values, wanted), position.values
-        if deflection:
-            up = _style.deflection(key, values, across=across)[pick]
-            curves[key] = np.broadcast_to(_style.sigma(key, runs[key]), up.shape), up
-        else:
-            curves[key] = values[pick, :, 0], values[pick, :, 2 if across else 1]
+    curves = _style.curves(runs, positions, wanted, deflection=deflection, across=across)
     ax = _style.axes(ax)
     handles = _draw_instants(ax, *curves.values())
     title = "dots: " + _style.name(chain, "chain")
@@ -90,7 +83,7 @@ def _moves_across(position: np.ndarray, *, deflection: bool = False) -> bool:
     if position.shape[2] < 3:
         return False
     if deflection:
-        both = [_style.deflection("chain", position, across=across) for across in (False, True)]
+        both = [_style.normal_deflection("chain", position, across=across) for across in (False, True)]
     else:
         both = [position[..., 1], position[..., 2]]
     in_plane, across = (float(np.ptp(values, axis=0).max()) for values in both)
@@ -249,17 +242,11 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     if min(array.shape) < 2:
         raise scene_error("run", f"tension {dict(array.sizes)}", "two instants and two links at least")
     ax = _style.axes(ax)
-    # cividis is monotonic in grey and safe for colour-blind readers
-    mesh = ax.pcolormesh(across, up, array.values.T, cmap="cividis", shading="nearest", rasterized=True)
+    mesh = _style.colour_cells(ax, across, up, array.values.T)
     _style.label_axis(ax.figure.colorbar(mesh, ax=ax).ax.yaxis, "tension [N]", array.values)
     slack = array.values.T <= 0.0
     if slack.any():
-        from matplotlib.collections import PolyCollection
-
-        corners = np.asarray(mesh.get_coordinates())
-        cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[slack]
-        # hatches take the edge colour
-        ax.add_collection(PolyCollection(list(cells), facecolor="none", edgecolor="white", linewidth=0.0, hatch="////"))
+        _style.hatch_cells(ax, mesh, slack, "white")
         ax.set_title("hatched: zero or less", fontsize="medium")
     ax.set(xlabel="time [s]", ylabel=place)
     return ax
@@ -328,17 +315,9 @@ def _draw_instants(ax: Axes, *curves: tuple[np.ndarray, np.ndarray]) -> list[tup
     handles: list[tuple[Any, ...]] = [() for _ in curves[0][0]]
     for which, (across, up) in enumerate(curves):
         for i in range(len(handles)):
-            style: dict[str, Any] = {"linestyle": LINES[i], "linewidth": 1.2}
-            if which == 0:
-                every = max(1, across.shape[1] // MAX_DOTS)
-                style = {
-                    "linestyle": "none",
-                    "marker": MARKERS[i],
-                    "fillstyle": "none",
-                    "markersize": 4,
-                    "markevery": every,
-                }
-            handles[i] += tuple(ax.plot(across[i], up[i], color=COLOURS[i], **style))
+            line: dict[str, Any] = {"color": COLOURS[i], "linestyle": LINES[i], "linewidth": 1.2}
+            style = line if which else _style.dots(i, across.shape[1]) | {"fillstyle": "none"}
+            handles[i] += tuple(ax.plot(across[i], up[i], **style))
     return handles
 
 

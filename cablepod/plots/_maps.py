@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: Time error above which a member is marked, for results that do not say theirs (members of an ensemble do).
+#: Time error above which a run or a member has not converged, for results that do not say theirs (ensembles do).
 LARGEST_TIME_ERROR = 1e-2
 
 
@@ -88,7 +88,7 @@ def parameter_map(
     is_grid = across.size == columns.size * rows.size and min(columns.size, rows.size) > 2
     if is_grid and np.array_equal(across[order], full[0]) and np.array_equal(up[order], full[1]):
         table = np.ma.masked_invalid(values[order].reshape(rows.size, columns.size))
-        drawn: Any = ax.pcolormesh(columns, rows, table, cmap="cividis", shading="nearest", rasterized=True)
+        drawn: Any = _style.colour_cells(ax, columns, rows, table)
         if contours and table.count() > 3 and table.max() > table.min():
             middle = 0.5 * (float(table.max()) + float(table.min()))
             # white on dark and black on light areas
@@ -137,13 +137,8 @@ def _mark_doubtful(
     marks = []
     if doubtful.any():
         if hasattr(drawn, "get_coordinates"):
-            from matplotlib.collections import PolyCollection
-
-            corners = np.asarray(drawn.get_coordinates())
             which = np.searchsorted(np.unique(up), up[doubtful]), np.searchsorted(np.unique(across), across[doubtful])
-            cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[which]
-            frame: dict[str, Any] = {"facecolor": "none", "edgecolor": _style.COLOURS[1], "linewidth": 0.0}
-            ax.add_collection(PolyCollection(list(cells), hatch="////", **frame))
+            _style.hatch_cells(ax, drawn, which, _style.COLOURS[1])
             marks.append(f"hatched: {text}")
         else:
             ax.plot(across[doubtful], up[doubtful], "s", color=_style.COLOURS[1], markerfacecolor="none", markersize=10)

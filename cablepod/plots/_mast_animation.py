@@ -11,7 +11,7 @@ from cablepod._inputs import Kind, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.plots import _style
-from cablepod.plots._animation import MOST_FRAMES, Animation, private_axes
+from cablepod.plots._animation import MOST_FRAMES, Animation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,7 +106,7 @@ def animate_mast(
     deflection = position - chord
     sag = deflection.mean(axis=0)
     drawn = position[:, :, :1] + sigma * (ends - position[:, :, :1]) + sag + scale * (deflection - sag)
-    ax = private_axes() if ax is None else ax
+    ax = _style.private_axes() if ax is None else ax
     across, up = _projected(shape)
     guy_across, guy_up = _projected(drawn)
     limits = Normalize(float(force.min()), float(force.max()))

@@ -10,7 +10,7 @@ import xarray as xr
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.plots import _style
-from cablepod.plots._animation import Animation, private_axes
+from cablepod.plots._animation import Animation
 from cablepod.plots._style import MAX_DOTS
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None
     picked = np.unique(np.linspace(0, time.size, count, endpoint=False).astype(int))
     paths = [_path(position, k) for k in range(position.shape[1])]
     inside, lateral = (np.stack([path[k] for path in paths], axis=1) for k in (0, 1))
-    ax = private_axes() if ax is None else ax
+    ax = _style.private_axes() if ax is None else ax
     size = 1.1 * max(float(np.ptp(inside)), float(np.ptp(lateral)), 1e-300) / 2.0
     every = max(1, len(paths) // MAX_DOTS)
     for k in range(0, len(paths), max(1, len(paths) // PATHS)):

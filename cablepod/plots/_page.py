@@ -72,6 +72,8 @@ def report(
     >>> page.read_text(encoding="utf-8").splitlines()[0]
     '<!DOCTYPE html>'
     """
+    from cablepod.archive._atomic import atomic_file  # plots take nothing else of the archive
+
     target = checked_path(path)
     datasets, attributes = _datasets(results)
     rows = _page_tables.checked_tables(tables)
@@ -92,7 +94,8 @@ def report(
         Section("provenance", "Where it comes from", _provenance(datasets)),
     ]
     content = _page_html.page(title, made, sections, version)
-    _write(target, content)
+    with atomic_file(target) as part:
+        part.write_text(content, encoding="utf-8")
     return target
 
 
@@ -234,11 +237,3 @@ def _provenance(datasets: Mapping[str, xr.Dataset]) -> str:
             ),
         ]
     return "\n".join(parts)
-
-
-def _write(target: Path, content: str) -> None:
-    """Write the page as a whole or not at all."""
-    from cablepod.archive._atomic import atomic_file  # plots take nothing else of the archive
-
-    with atomic_file(target) as part:
-        part.write_text(content, encoding="utf-8")

@@ -13,9 +13,10 @@ import xarray as xr
 
 from cablepod.plots import _cables, _maps, _mast, _modes, _periodic, _reports, _stringing, _wind
 from cablepod.plots._page_tables import ROUNDING_SHARE
+from cablepod.plots._style import private_axes
 
-#: Size [inch] and resolution [dots per inch] of a figure: the width of A4 between its margins.
-SIZE, DOTS = (7.5, 4.2), 150
+#: Resolution of a figure [dots per inch].
+DOTS = 150
 #: Size below which bending moments are rounding [N m].
 MIN_MOMENT = 1e-9
 #: Variables of ensembles of which a map is drawn, the first that is there.
@@ -196,12 +197,8 @@ def png_of(drawing: Drawing) -> bytes:
     SceneError
         For a Dataset of which it cannot be drawn.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=SIZE, layout="constrained")
-    FigureCanvasAgg(figure)
-    drawing.draw(ax=figure.subplots())
+    ax: Any = private_axes()
+    drawing.draw(ax=ax)
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=DOTS, facecolor="white")
+    ax.figure.savefig(stream, format="png", dpi=DOTS, facecolor="white")
     return stream.getvalue()

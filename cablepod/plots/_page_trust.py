@@ -15,6 +15,7 @@ import xarray as xr
 from cablepod.conventions import ATTRIBUTES, digits
 from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.plots import _page_tables
+from cablepod.plots._maps import LARGEST_TIME_ERROR
 from cablepod.plots._page_html import NOTHING, Table
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR, warn_condensed_out_of_range, warn_galerkin_out_of_range
 
@@ -27,8 +28,6 @@ ESTIMATES = {
     "energy_excess": "energy excess [%]",
     "energy_defect": "energy defect [%]",
 }
-#: Time error above which a single run is said not to have converged, as maps of ensembles mark it.
-MAX_TIME_ERROR = 1e-2
 #: Checks of the attributes of a run, by its model.
 CHECKS = {"condensed": warn_condensed_out_of_range, "Galerkin": warn_galerkin_out_of_range}
 #: Forces that are zero where a cable is slack -> what it is.
@@ -91,7 +90,7 @@ def _out_of_range(attrs: Mapping[str, Any]) -> list[str]:
 
 def _of_time(dataset: xr.Dataset) -> Iterator[str]:
     """Yield a line for a run that has not converged in time."""
-    accepted = float(dataset.attrs.get("accepted_time_error", MAX_TIME_ERROR))
+    accepted = float(dataset.attrs.get("accepted_time_error", LARGEST_TIME_ERROR))
     for name in ("time_error_estimate", "tension_time_error_estimate"):
         value = dataset.attrs.get(name)
         if isinstance(value, int | float | np.number) and value > accepted:
@@ -105,7 +104,7 @@ def _of_members(dataset: xr.Dataset) -> Iterator[str]:
         failed = [reason for reason in reasons if reason]
         if failed:
             yield f"{len(failed)} of {len(reasons)} members failed: {failed[0]}"
-    accepted = float(dataset.attrs.get("accepted_time_error", MAX_TIME_ERROR))
+    accepted = float(dataset.attrs.get("accepted_time_error", LARGEST_TIME_ERROR))
     for name, most in (
         ("time_error_estimate", accepted), ("tension_time_error_estimate", accepted), ("error_estimate", MAX_ESTIMATED_ERROR),
     ):  # fmt: skip

@@ -211,9 +211,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
     omega, size = _scale(hertz) * frequency.values, amplitude.values
     unstable = values > ROUNDING * frequency.values
     drawn_values = values if variable == "response" else np.where(unstable, values, np.nan)
-    drawn: Any = ax.pcolormesh(
-        omega, size, np.ma.masked_invalid(drawn_values), cmap="cividis", shading="nearest", rasterized=True
-    )
+    drawn = _style.colour_cells(ax, omega, size, np.ma.masked_invalid(drawn_values))
     bar = ax.figure.colorbar(drawn, ax=ax, pad=0.02)
     _style.label_axis(bar.ax.yaxis, label, values)
     if "edge_set" in result and variable != "response":

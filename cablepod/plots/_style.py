@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 COLOURS = ("#000000", "#D55E00", "#56B4E9", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
 LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+#: Size of a figure [inch]: the width of A4 between its margins.
+SIZE = (7.5, 4.2)
 #: Maximum and default number of instants in a figure.
 MAX_INSTANTS, DEFAULT_INSTANTS = 6, 5
 #: Number of markers along a line with many points.
@@ -39,13 +41,23 @@ TRAJECTORY = "a trajectory, from a simulate"
 MODES = "modes, from pod.decompose"
 
 
-def axes(ax: Axes | None, *, size: tuple[float, float] = (7.5, 4.2)) -> Axes:
+def axes(ax: Axes | None, *, size: tuple[float, float] = SIZE) -> Axes:
     """Return `ax`, or new axes in a figure of `size` [inch]."""
     if ax is not None:
         return ax
     from matplotlib import pyplot as plt  # slow to import
 
     return plt.subplots(figsize=size, layout="constrained")[1]
+
+
+def private_axes() -> Axes:
+    """Make axes of a figure unknown to pyplot, which would show it in a notebook a second time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=SIZE, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.subplots()
 
 
 def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
@@ -87,6 +99,29 @@ def style(colour: int, line: int, points: int) -> dict[str, Any]:
         "markersize": 4,
         "linewidth": 1.2,
     }
+
+
+def dots(number: int, points: int) -> dict[str, Any]:
+    """Return the style of a chain as dots, of which many are thinned."""
+    every = max(1, points // MAX_DOTS)
+    return {
+        "color": COLOURS[number], "linestyle": "none", "marker": MARKERS[number], "markersize": 4, "markevery": every,
+    }  # fmt: skip
+
+
+def colour_cells(ax: Axes, across: np.ndarray, up: np.ndarray, values: np.ndarray) -> Any:
+    """Draw values (up, across) by colour, in a map that is monotonic in grey and safe for colour-blind readers."""
+    return ax.pcolormesh(across, up, values, cmap="cividis", shading="nearest", rasterized=True)
+
+
+def hatch_cells(ax: Axes, mesh: Any, which: Any, colour: str) -> None:
+    """Hatch cells of a mesh, given as a mask or as indices (row, column)."""
+    from matplotlib.collections import PolyCollection
+
+    corners = np.asarray(mesh.get_coordinates())
+    cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[which]
+    # hatches take the edge colour
+    ax.add_collection(PolyCollection(list(cells), facecolor="none", edgecolor=colour, linewidth=0.0, hatch="////"))
 
 
 def log(ax: Axes, across: np.ndarray, values: np.ndarray, name: str, style: dict[str, Any]) -> None:
@@ -160,7 +195,27 @@ def instants(key: str, times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def deflection(key: str, position: np.ndarray, *, across: bool = False) -> np.ndarray:
+def curves(
+    runs: dict[str, xr.Dataset],
+    positions: dict[str, xr.DataArray],
+    wanted: np.ndarray,
+    *,
+    deflection: bool,
+    across: bool = False,
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return what is drawn of runs at instants [s], (instant, point): x and y or, across, z; or S / L0 and deflection."""
+    found = {}
+    for key, position in positions.items():
+        pick, values = instants(key, position["time"].values, wanted), position.values
+        if deflection:
+            up = normal_deflection(key, values, across=across)[pick]
+            found[key] = np.broadcast_to(sigma(key, runs[key]), up.shape), up
+        else:
+            found[key] = values[pick, :, 0], values[pick, :, 2 if across else 1]
+    return found
+
+
+def normal_deflection(key: str, position: np.ndarray, *, across: bool = False) -> np.ndarray:
     """Return deflections (time, particle) [m] normal to the chord, in the plane of chord and y or across it."""
     chord = position[:, -1] - position[:, 0]
     length = np.linalg.norm(chord, axis=1)
