@@ -61,12 +61,12 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         For another Dataset.
     """
     run = taken("run", run, TENSIONS)
-    tensions = _numbers("run", run, "guy_tension", ("time", "guy"), TENSIONS)
+    tensions = _style.take("run", run, "guy_tension", ("time", "guy"), TENSIONS.allowed)
     time, tension = tensions["time"].values, 1e-3 * tensions.values
     ax = _style.axes(ax)
     tables = np.ones(tension.shape[1], dtype=int)
     if "table" in run:
-        tables = _numbers("run", run, "table", ("guy",), TENSIONS).values
+        tables = _style.take("run", run, "table", ("guy",), TENSIONS.allowed).values
         if tables.dtype.kind not in "iu":
             raise SceneError(f"run: given table of type {tables.dtype}; allowed: whole numbers, {TENSIONS.allowed}")
     names = _names_of_guys(run)
@@ -83,7 +83,7 @@ def _mark_breaks(ax: Axes, run: xr.Dataset, time: np.ndarray) -> None:
     """Mark the times at which guys break within the times of a run."""
     if "guy_breaks" not in run or not time.size:
         return
-    breaks = _numbers("run", run, "guy_breaks", ("guy",), TENSIONS).values
+    breaks = _style.take("run", run, "guy_breaks", ("guy",), TENSIONS.allowed).values
     start, end = float(time.min()), float(time.max())
     times = np.unique(breaks[(breaks >= start) & (breaks <= end)])
     if times.size:
@@ -103,10 +103,10 @@ def _names_of_guys(run: xr.Dataset) -> list[str]:
     """Return number of each guy, with level and direction where the run has them."""
     names = [f"guy {g + 1}" for g in range(run.sizes["guy"])]
     if "guy_level" in run:
-        levels = _numbers("run", run, "guy_level", ("guy",), TENSIONS).values
+        levels = _style.take("run", run, "guy_level", ("guy",), TENSIONS.allowed).values
         names = [f"{name}, {level:g} m" for name, level in zip(names, levels, strict=True)]
     if "anchor" in run:
-        anchors = _numbers("run", run, "anchor", ("guy", "coordinate"), TENSIONS).values
+        anchors = _style.take("run", run, "anchor", ("guy", "coordinate"), TENSIONS.allowed).values
         names = [f"{name}, {direction(x, z)}" for name, (x, _, z) in zip(names, anchors, strict=True)]
     return names
 
@@ -141,8 +141,8 @@ def bending_moments(result: xr.Dataset, *, component: str | None = None, ax: Axe
         names = ["bending_moment"]
     if not names:
         raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS.allowed}")
-    ax, height = _style.axes(ax), _numbers("result", result, "node_height", ("node",), HEIGHTS).values
-    moments = [_numbers("result", result, name, ("node", "coordinate"), HEIGHTS) for name in names]
+    ax, height = _style.axes(ax), _style.take("result", result, "node_height", ("node",), HEIGHTS.allowed).values
+    moments = [_style.take("result", result, name, ("node", "coordinate"), HEIGHTS.allowed) for name in names]
     for moment in moments:
         for wanted in DIRECTIONS if component is None else (component,):
             if wanted not in moment["coordinate"].values.tolist():
@@ -186,15 +186,18 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
     """
     frequencies = taken("frequencies", frequencies, SHAPES)
     integer(least=1)("count", count)
-    shapes = _numbers("frequencies", frequencies, "mode_shape", ("mode", "node", "coordinate"), SHAPES).values
+    shapes = _style.take(
+        "frequencies", frequencies, "mode_shape", ("mode", "node", "coordinate"), SHAPES.allowed
+    ).values
     share, omega = (
-        _numbers("frequencies", frequencies, name, ("mode",), SHAPES).values
+        _style.take("frequencies", frequencies, name, ("mode",), SHAPES.allowed).values
         for name in ("mast_share", "angular_frequency")
     )
     if shapes.shape[-1] != 3:
         raise scene_error("frequencies", shapes.shape, SHAPES.allowed)
     chosen = modes_of_mast(share, count)
-    ax, height = _style.axes(ax), _numbers("frequencies", frequencies, "node_height", ("node",), SHAPES).values
+    height = _style.take("frequencies", frequencies, "node_height", ("node",), SHAPES.allowed).values
+    ax = _style.axes(ax)
     ticks: list[Any] = []
     for place, mode in enumerate(chosen):
         size = np.linalg.norm(shapes[mode], axis=1)
@@ -214,11 +217,3 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
 def modes_of_mast(share: np.ndarray, count: int) -> np.ndarray:
     """Return the places of the `count` modes with the largest shares of the mast, in the order of the modes."""
     return np.sort(np.argsort(-np.asarray(share), kind="stable")[:count])
-
-
-def _numbers(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...], kind: Kind) -> xr.DataArray:
-    """Return a checked variable of numbers with these dimensions."""
-    array = _style.take(key, dataset, name, dims, kind.allowed)
-    if array.dtype.kind == "b":
-        raise SceneError(f"{key}: given {name} of type {array.dtype}; allowed: numbers, {kind.allowed}")
-    return array

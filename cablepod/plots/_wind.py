@@ -49,7 +49,7 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
     SceneError
         For another Dataset, a single instant or point, and a missing component.
     """
-    array = _numbers(wind, "wind", ("time", "point", "component"))
+    array = _by_component(wind, "wind", ("time", "point", "component"))
     names = [str(name) for name in array["component"].values]
     if min(array.shape[:2]) < 2:
         raise scene_error("wind", str(dict(array.sizes)), "two instants and two points at least")
@@ -59,14 +59,7 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
     choice(*names)("component", component)
     up, label = _heights(wind)
     ax = _style.axes(ax)
-    mesh = ax.pcolormesh(
-        array["time"].values,
-        up,
-        values[..., names.index(component)].T,
-        cmap="cividis",
-        shading="nearest",
-        rasterized=True,
-    )
+    mesh = _style.colour_cells(ax, array["time"].values, up, values[..., names.index(component)].T)
     ax.figure.colorbar(mesh, ax=ax, label=f"velocity of the air along {component} [m/s]", pad=0.02)
     ax.set(xlabel="time [s]", ylabel=label)
     return ax
@@ -74,28 +67,24 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
 
 def _heights(wind: xr.Dataset) -> tuple[np.ndarray, str]:
     """Return rising or falling places of the points, and their label."""
-    position = _numbers(wind, "position", ("point", "component")) if "position" in wind.variables else None
+    position = _by_component(wind, "position", ("point", "component")) if "position" in wind.variables else None
     if position is not None and "y" in position["component"].values:
         height = position.sel(component="y").values
         change = np.diff(height)
         if (change > 0.0).all() or (change < 0.0).all():
             return height, "height y [m]"
     if "relative_arc_length" in wind.variables:
-        return _numbers(wind, "relative_arc_length", ("point",)).values, _style.SIGMA
+        return _style.take("wind", wind, "relative_arc_length", ("point",), FIELD).values, _style.SIGMA
     raise SceneError(
         "wind: given points whose heights do not rise; allowed: points one above the other, or along a cable"
     )
 
 
-def _numbers(wind: xr.Dataset, name: str, dims: tuple[str, ...]) -> xr.DataArray:
-    """Return a variable of a field, checked to hold numbers."""
+def _by_component(wind: xr.Dataset, name: str, dims: tuple[str, ...]) -> xr.DataArray:
+    """Return a variable of a field over components."""
     array = _style.take("wind", wind, name, dims, FIELD)
-    labels = array["component"] if "component" in dims else None
-    if labels is not None and labels.dims != ("component",):
-        raise SceneError(f"wind: given component over {labels.dims}; allowed: {FIELD}")
-    for part in (array, *(array[dim] for dim in ("time",) if dim in dims)):
-        if part.dtype.kind not in "iuf":
-            raise SceneError(f"wind: given {part.name} of type {part.dtype}; allowed: {FIELD}")
+    if array["component"].dims != ("component",):
+        raise SceneError(f"wind: given component over {array['component'].dims}; allowed: {FIELD}")
     return array
 
 
