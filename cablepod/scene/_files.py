@@ -17,17 +17,21 @@ LARGEST_FILE = 64 * 2**20
 LARGEST_SCENE = 4 * 2**20
 
 
-def read_text(path: Path, what: str, largest: int = LARGEST_FILE) -> str:
-    """Read a text file of at most `largest` bytes; `what` names its kind in the message of a SceneError."""
+def read_text(path: Path, what: str, largest: int = LARGEST_FILE, *, key: str = "") -> str:
+    """Read a text file of at most `largest` bytes; `what` names its kind, `key` its key in the message of a SceneError."""
     try:
-        return read_bytes(path, what, largest).decode("utf-8-sig")
+        return read_bytes(path, what, largest, key=key).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise SceneError(f"{named(str(path))}: binary or not UTF-8; allowed: a {what} in text form") from None
+        raise SceneError(f"{_name(path, key)}: binary or not UTF-8; allowed: a {what} in text form") from None
 
 
-def read_bytes(path: Path, what: str, largest: int) -> bytes:
-    """Read a regular file of at most `largest` bytes; `what` names its kind in the message of a SceneError."""
-    name = named(str(path))
+def _name(path: Path, key: str) -> str:
+    return f"{key}: {named(str(path))}" if key else named(str(path))
+
+
+def read_bytes(path: Path, what: str, largest: int, *, key: str = "") -> bytes:
+    """Read a regular file of at most `largest` bytes; `what` names its kind, `key` its key in the message of a SceneError."""
+    name = _name(path, key)
     try:
         if path.is_dir():
             raise SceneError(f"{name}: is a folder; allowed: a {what}")
@@ -50,10 +54,7 @@ def read_bytes(path: Path, what: str, largest: int) -> bytes:
 
 def read_record(key: str, path: Path) -> dict[str, list[float]]:
     """Read a record from a CSV file with a column `time` [s] and one value column."""
-    try:
-        content = read_text(path, "record, a CSV file with the columns time and one value")
-    except SceneError as error:
-        raise SceneError(f"{key}: {error}") from None
+    content = read_text(path, "record, a CSV file with the columns time and one value", key=key)
     name = named(str(path))
     rows = [line.split(",") for line in content.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,7 @@ def at_mast_points(
     """
     position, number, relative = mast_points(p)
     given = by_axes(given) if isinstance(given, xr.Dataset) else given
+    spatial: Any = SimpleNamespace(dims=3)  # what checked_field asks of a cable whose points are known
     velocity: Any = None
     mean, time = np.empty((len(position), 3)), np.empty(0)
     for line in range(len(p.guys) + 1):
@@ -81,7 +83,7 @@ def at_mast_points(
         ends = position[where[[0, -1]]]
         name = "the mast" if line == 0 else f"guy {line} ({p.guys[line - 1].key})"
         own = _of_line(given, line, ends, key, name)
-        time, sigma, values, means = checked_field(_Spatial(), end_time, own, key)  # type: ignore[arg-type]
+        time, sigma, values, means = checked_field(spatial, end_time, own, key)
         if velocity is None:
             velocity = np.empty((time.size, len(position), 3))
         place = np.clip(np.searchsorted(sigma, relative[where]), 1, max(sigma.size - 1, 1))
@@ -91,12 +93,6 @@ def at_mast_points(
         velocity[:, where] = (1.0 - share) * values[:, low] + share * values[:, high]
         mean[where] = (1.0 - share) * means[low] + share * means[high]
     return time, velocity, mean
-
-
-class _Spatial:
-    """What :func:`checked_field` asks of a cable whose points are known."""
-
-    dims = 3
 
 
 def _of_line(given: Any, line: int, ends: np.ndarray, key: str, name: str) -> Any:

@@ -90,10 +90,7 @@ def read_strands(key: str, path: Path) -> dict[str, dict[str, float]]:
         The message begins with `key`, and names file, row and column.
     """
     allowed = f"a CSV file with the columns {NAME} and of {', '.join(COLUMNS)}, {SOURCE}"
-    try:
-        content = read_text(path, f"table of strands, {allowed}", LARGEST_SCENE)
-    except SceneError as error:
-        raise SceneError(f"{key}: {error}") from None
+    content = read_text(path, f"table of strands, {allowed}", LARGEST_SCENE, key=key)
     file = f"{key}: {named(str(path))}"
     lines = [line for line in content.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     try:

@@ -80,18 +80,13 @@ def variables_at(scene: xr.Dataset, path: str, values: list[Any], *, of_members:
     if of_members:
         result = {name: (("member", *dims), array, attrs)}
     if path.endswith(".record"):
-        record: list[Any] = [checked_record(value)["record_sha256"] for value in values]
+        from cablepod.scene._wind_field import read_wind_record  # needed by records only
+
+        record: list[Any] = [read_wind_record(Path(value), None)["record_sha256"] for value in values]
         result |= variables_at(scene, f"{path}_sha256", record, of_members=of_members)
     if path.endswith(".path"):
         result |= _samples(scene, path, values, of_members=of_members)
     return result
-
-
-def checked_record(path: str) -> Mapping[str, str]:
-    """Return path and content hash of a record of wind."""
-    from cablepod.scene._wind_field import read_wind_record  # needed by records only
-
-    return read_wind_record(Path(path), None)
 
 
 def _samples(scene: xr.Dataset, path: str, values: list[Any], *, of_members: bool) -> Variables:

@@ -197,12 +197,9 @@ def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, 
 # --- file -----------------------------------------------------------------------------------------------------------------
 
 
-def _content(path: Path, key: str = RECORD) -> bytes:
+def _content(path: Path) -> bytes:
     """Read a record; the error names the key."""
-    try:
-        content = read_bytes(path, WHAT, LARGEST_FIELD)
-    except SceneError as error:
-        raise SceneError(f"{key}: {error}") from None
+    content = read_bytes(path, WHAT, LARGEST_FIELD, key=RECORD)
     if not content:
         raise SceneError(f"{RECORD}: {named(str(path))} is empty; allowed: a {WHAT}")
     return content

@@ -41,7 +41,6 @@ EXCEPTIONS = {
     # passed on: the message of an error that was made elsewhere, and is collected there
     ("SceneError", "{named(str(path))}: {error}"): "the file's name before a refusal of its contents",
     ("SceneError", "{kind.instead[1]}"): "a text beside its kind, which has all fields",
-    ("SceneError", "{key}: {error}"): "the key before a refusal of its file",
     ("SceneError", "{key}: given {shown(values)}, at {shown_value(value)} no scene: {error}"): "ends with a refusal",
     ("SceneError", "{prefix}: given {', '.join(lacking)}, which make no scene: {error}"): "ends with a refusal",
     ("SceneError", "{str(error).replace("): "the chain's message, said of the cable",
