@@ -23,7 +23,7 @@ from cablepod.parameters._guys import Guy, check_level, guys_of
 from cablepod.parameters._ice import coat_section
 from cablepod.parameters._keys import ICE
 from cablepod.parameters._mast_keys import MAST, MAST_LOAD
-from cablepod.parameters._parameters import count_instants
+from cablepod.parameters._parameters import output_times
 from cablepod.parameters._scene_values import check_values, listed, tables_of, whole
 from cablepod.parameters._temperature import expansion_of, temperatures_of
 from cablepod.parameters._time_functions import TimeFunction
@@ -79,9 +79,7 @@ class MastParameters:
 
     def times(self) -> np.ndarray:
         """Return the times of the output [s]: 0, interval, ... up to the duration."""
-        if self.duration is None or self.interval is None:
-            raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
-        return self.interval * np.arange(count_instants(self.duration, self.interval))
+        return output_times(self.duration, self.interval)
 
     def late_breaks(self, end_time: float) -> list[str]:
         """Return a text for each guy that does not break before the end of a run [s], after which nothing is computed."""

@@ -204,16 +204,11 @@ class Parameters:
 
     def times(self) -> np.ndarray:
         """Return the times of the snapshots [s]: 0, interval, ... up to the duration; one array, which cannot be changed."""
-        if self._times is None:
-            raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
         return self._times
 
     @cached_property
-    def _times(self) -> np.ndarray | None:
-        """Times of the snapshots [s]; None without a duration and an interval."""
-        if self.duration is None or self.interval is None:
-            return None
-        times: np.ndarray = self.interval * np.arange(count_instants(self.duration, self.interval))
+    def _times(self) -> np.ndarray:
+        times = output_times(self.duration, self.interval)
         times.setflags(write=False)
         return times
 
@@ -304,6 +299,13 @@ class Parameters:
                     f"{key}.path: the record is too short, from {function.begin:g} s to {function.end:g} s; "
                     f"allowed: one that covers the run, from 0 s to {time:g} s"
                 )
+
+
+def output_times(duration: float | None, interval: float | None) -> np.ndarray:
+    """Return the times 0, interval, ... up to the duration [s]; refuse a scene without them."""
+    if duration is None or interval is None:
+        raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
+    return interval * np.arange(count_instants(duration, interval))
 
 
 def count_instants(duration: float, interval: float) -> int:

@@ -94,16 +94,12 @@ class TimeFunction:
         change = [self._unramped(time, order) for order in range(derivative + 1)]
         if self.keeps_start:
             change[0] = change[0] - self._start
-        value = self._ramped(time, change)
+        value = ramped(time, self.ramp, change)
         return value + self._start if self.keeps_start and derivative == 0 else value
 
     def _unramped(self, time: Array, derivative: int) -> Array:
         """Evaluate the function without its ramp."""
         return getattr(self, f"_{self.kind}")(time, derivative)
-
-    def _ramped(self, time: Array, change: Sequence[Array] | Array) -> Array:
-        """Multiply a function, given by its values and derivatives up to an order, by the ramp: the derivative of that order."""
-        return ramped(time, self.ramp, change)
 
     @property
     def ramp(self) -> Any:
@@ -146,7 +142,7 @@ class TimeFunction:
             change = np.empty((len(orders), count))
             _kernel().harmonic(start, steps_per_second, *self.sine, 0.0, orders, change)
             for row, derivative in zip(result, derivatives, strict=True):
-                row[:count] = self._ramped(time, change[: derivative + 1])
+                row[:count] = ramped(time, self.ramp, change[: derivative + 1])
         for row, derivative in zip(result, derivatives, strict=True):
             if derivative == 0:
                 row += origin
