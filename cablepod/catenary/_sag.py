@@ -20,7 +20,7 @@ import numpy as np
 
 from cablepod.catenary._bracket import force_by_sag
 from cablepod.catenary._piecewise import is_piecewise
-from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenaries
+from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenary
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 
@@ -108,15 +108,9 @@ def force_of_sag(plane: Sequence[float], stiffness: float, sag: float, *, name: 
         )
 
     def excess(logarithm: float) -> float:
-        force = math.exp(logarithm)
-        solved, status = solve_catenaries(
-            [np.array([float(number)]) for number in plane[:4]],
-            np.array([stiffness]),
-            "horizontal_force",
-            np.array([force]),
-        )
-        check_solved(int(status[0]), plane, stiffness, "horizontal_force", sag, name=name)
-        return math.log(max(sag_of(plane, stiffness, solved[0].tolist()), 1e-300) / sag)
+        statics, status = solve_catenary(plane, stiffness, "horizontal_force", math.exp(logarithm))
+        check_solved(status, plane, stiffness, "horizontal_force", sag, name=name)
+        return math.log(max(sag_of(plane, stiffness, statics.tolist()), 1e-300) / sag)
 
     # the parabola of a taut cable, or the sag parameter of a deep one
     deep = 2.0 + 2.0 * math.log1p(8.0 * sag / span)
@@ -139,7 +133,5 @@ def forces_of_sags(plane: Sequence[np.ndarray], stiffness: np.ndarray, sags: np.
 def least_sag(plane: Sequence[float], stiffness: float, strain: float) -> float:
     """Return the sag of the shorter cable whose larger end tension strains it by `strain` [m]; 0 where there is none."""
     key = "top_tension" if plane[1] >= 0.0 else "bottom_tension"
-    solved, status = solve_catenaries(
-        [np.array([float(number)]) for number in plane[:4]], np.array([stiffness]), key, np.array([strain * stiffness])
-    )
-    return 0.0 if status[0] else sag_of(plane, stiffness, solved[0].tolist())
+    statics, status = solve_catenary(plane, stiffness, key, strain * stiffness)
+    return 0.0 if status else sag_of(plane, stiffness, statics.tolist())

@@ -57,6 +57,13 @@ def solve_catenaries(
     return solutions, status
 
 
+def solve_catenary(plane: Sequence[float], stiffness: float, key: str, value: float) -> tuple[np.ndarray, int]:
+    """Solve one catenary as :func:`solve_catenaries` does many; return its statics (6,) and status."""
+    numbers = [np.array([float(number)]) for number in plane[:4]]
+    solutions, status = solve_catenaries(numbers, np.array([stiffness]), key, np.array([value], dtype=float))
+    return solutions[0], int(status[0])
+
+
 def check_solved(
     status: int, plane: Sequence[float], stiffness: float, key: str, value: float | str, *, name: str
 ) -> None:
@@ -124,23 +131,21 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     if is_piecewise(p):
         return piecewise_statics(p, key, value, prefix=prefix).columns
     key, value = _as_tensioned(p, key, value, prefix)
-    plane = load_planes(p)
+    plane = [float(number) for number in load_plane(p)[:4]]
     if key == "sag":
         from cablepod.catenary._sag import force_of_sag  # imports this file
 
-        numbers = [float(number[0]) for number in plane[:4]]
-        key, value = "horizontal_force", force_of_sag(numbers, p.stiffness, value, name=f"{prefix}.sag")
-    solutions, status = solve_catenaries(plane[:4], np.array([p.stiffness]), key, np.array([value], dtype=float))
-    if status[0] == kernel.SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
-        solutions[0, 0] = value
-    elif status[0] != kernel.FOUND:
-        numbers = [float(number[0]) for number in plane[:4]]
+        key, value = "horizontal_force", force_of_sag(plane, p.stiffness, value, name=f"{prefix}.sag")
+    statics, status = solve_catenary(plane, p.stiffness, key, value)
+    if status == kernel.SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
+        statics[0] = value
+    elif status != kernel.FOUND:
         name: str = f"{prefix}.{key}"
         given: float | str = value
         if p.expansion != 1.0:
             name, given = "temperature", f"an unstretched length of {value:.12g} m"
-        check_solved(int(status[0]), numbers, p.stiffness, key, given, name=name)
-    return solutions[0]
+        check_solved(status, plane, p.stiffness, key, given, name=name)
+    return statics
 
 
 def piecewise_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> PiecewiseCatenary:
