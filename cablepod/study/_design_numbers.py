@@ -80,18 +80,20 @@ class Kind:
             scene, rank=min(RANK, _links_of(scene) - 1), links=_links_of(scene)
         )  # fmt: skip
 
+    def lines(self, scene: xr.Dataset) -> list[Any]:
+        """Return the parameters of the lines."""
+        if self.model == "mast":
+            return [guy.p for guy in mast_parameters(scene).guys]
+        return [parameters(scene)] * len(ENDS)
+
     def areas(self, scene: xr.Dataset) -> list[Any]:
         """Return the areas of the cross-sections of the lines [m2], or None."""
-        if self.model == "mast":
-            return [guy.p.area for guy in mast_parameters(scene).guys]
-        return [parameters(scene).area] * len(ENDS)
+        return [p.area for p in self.lines(scene)]
 
     def strengths(self, scene: xr.Dataset) -> np.ndarray:
         """Return the breaking strengths of the lines [N], nan without."""
-        own: list[Any] = [parameters(scene)] * len(ENDS) if self.model != "mast" else [
-            guy.p for guy in mast_parameters(scene).guys
-        ]  # fmt: skip
-        return np.array([np.nan if p.breaking_strength is None else float(p.breaking_strength) for p in own])
+        found = [p.breaking_strength for p in self.lines(scene)]
+        return np.array([np.nan if strength is None else float(strength) for strength in found])
 
     def check_areas(self, scene: xr.Dataset) -> None:
         """Refuse a damage by stresses of cables without an area.

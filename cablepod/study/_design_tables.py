@@ -123,14 +123,12 @@ def case_rows(result: xr.Dataset) -> list[Row]:
                 place = int(np.nanargmax(case[f"{base}_peak"].values))
                 row |= {line: case[line].values.tolist()[place]}
                 row |= _statistics(case.isel({line: place}), base, "peak", "N")
-            if "displacement_peak" in case:
-                row["displacement [m]"] = float(case["displacement_peak"].max())
-            if "bending_moment_peak" in case:
-                row["bending moment [N m]"] = float(case["bending_moment_peak"].max())
-            if "buckling_factor" in case:
-                row["buckling factor"] = float(case["buckling_factor"])
-            if "buckling_factor_after_break" in case:
-                row["buckling factor after break"] = float(case["buckling_factor_after_break"])
+            for name, heading in (
+                ("displacement_peak", "displacement [m]"), ("bending_moment_peak", "bending moment [N m]"),
+                ("buckling_factor", "buckling factor"), ("buckling_factor_after_break", "buckling factor after break"),
+            ):  # fmt: skip
+                if name in case:
+                    row[heading] = float(case[name].max())
             if "slack_storms" in case:
                 row |= {"slack": slack_lines(case)}
             row["failed storms"] = int((case["failure"] != "").sum())
@@ -145,18 +143,15 @@ def slack_lines(case: xr.Dataset) -> str:
     return ", ".join(f"{name} ({count})" for name, count in zip(names, counts.tolist(), strict=True) if count)
 
 
-def write_tables(folder: Path, result: xr.Dataset) -> list[str]:
-    """Write the tables that a result has, in SI units; return the names of the files."""
+def write_tables(folder: Path, result: xr.Dataset) -> None:
+    """Write the tables that a result has, in SI units."""
     tables = {
         "guys.csv": guy_rows(result), "heights.csv": height_rows(result), "levels.csv": level_rows(result),
         "foot.csv": foot_rows(result), "cases.csv": case_rows(result),
     }  # fmt: skip
-    written = []
     for name, rows in tables.items():
         if rows:
             _write(folder / name, rows)
-            written.append(name)
-    return written
 
 
 def degrees(angle: float) -> float:

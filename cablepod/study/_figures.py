@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -61,8 +61,6 @@ def write_figures(
     title
         Title of every figure.
     """
-    from matplotlib.figure import Figure
-
     from cablepod import plots
 
     picked = np.rint(np.array(DRAWN_AT) * (reference.sizes["time"] - 1)).astype(int)
@@ -82,11 +80,16 @@ def write_figures(
         del drawings["error_over_time"]
     if reference.sizes["link"] < 2:  # a map needs two
         del drawings["tension_map"]
-    for name in drawings:
-        figure = Figure(figsize=(7.5, 4.2), layout="constrained")
-        drawings[name](ax=figure.subplots())
-        write_figure(figure, folder / f"{name}.png", title=title)
+    write_drawings(folder, drawings, title)
     return list(drawings)
+
+
+def write_drawings(folder: Path, drawings: Mapping[str, Callable[..., Any]], title: str) -> None:
+    """Write a figure of each function of :mod:`cablepod.plots`, under its name."""
+    from cablepod.plots._style import private_axes
+
+    for name, draw in drawings.items():
+        write_figure(draw(ax=private_axes()).figure, folder / f"{name}.png", title=title)
 
 
 def _is_small(reference: xr.Dataset) -> bool:

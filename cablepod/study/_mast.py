@@ -10,7 +10,6 @@ from typing import Any
 import xarray as xr
 
 from cablepod import archive, mast
-from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
 from cablepod.integrate._window import window_attributes
@@ -18,7 +17,7 @@ from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
 from cablepod.mast._piecewise_guys import kind_in_studies
 from cablepod.mast._runs import check_run
 from cablepod.parameters._mast import mast_parameters
-from cablepod.study._figures import check_backend
+from cablepod.study._figures import check_backend, write_drawings
 from cablepod.study._models import recorded
 from cablepod.study._tension import start_of_statistics
 from cablepod.study._timing import timed
@@ -134,8 +133,6 @@ def guy_table(motion: xr.Dataset, rest: xr.Dataset, window: tuple[float, float] 
 
 def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
     """Write the figures."""
-    from matplotlib.figure import Figure
-
     from cablepod import plots
 
     drawings: dict[str, Callable[..., Any]] = {
@@ -145,7 +142,4 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
     }
     if "guys" not in results:
         del drawings["tensions"]
-    for name, draw in drawings.items():
-        figure = Figure(figsize=(7.5, 4.2), layout="constrained")
-        draw(ax=figure.subplots())
-        write_figure(figure, folder / f"{name}.png", title=str(results["scene"].attrs["title"]))
+    write_drawings(folder, drawings, str(results["scene"].attrs["title"]))
