@@ -79,7 +79,7 @@ def snapshots(
     >>> modes = cp.pod.decompose(run, rank=2)
     """
     array = _named("position", position, PLACES, "position", "m")
-    values = _values("position", array, LARGEST)
+    values = _values("position", array)
     _, particles, dims = values.shape
     if particles < 3 or dims not in (2, 3):
         raise scene_error("position", dict(array.sizes), "at least 3 particles, and 2 or 3 coordinates")
@@ -162,7 +162,7 @@ def modes(
     choice(*LAYOUTS)("layout", layout)
     p = None if scene is None else parameters(scene := taken("scene", scene, SCENE))
     array = _named("shapes", shapes, _dims_of(layout, shapes), "mode_shape", "1")
-    values = _values("shapes", array, LARGEST)
+    values = _values("shapes", array)
     sizes = dict(zip(array.dims, values.shape, strict=True))
     if (
         sizes["particle"] < 3
@@ -247,19 +247,31 @@ def _named(key: str, given: Any, dims: tuple[str, ...], name: str, units: str) -
     return xr.DataArray(array, dims=dims)
 
 
-def _values(key: str, array: xr.DataArray, largest: float) -> np.ndarray:
+def _values(key: str, array: xr.DataArray) -> np.ndarray:
     """Return the values as floats in an array of our own; refuse other types, and numbers that are not finite or too large."""
     if array.dtype.kind not in "fiu" or (array.dtype.kind == "f" and array.dtype.itemsize < 4):
         raise scene_error(key, f"values of type {array.dtype}", "finite numbers of at least single precision")
     if not array.size:
         raise scene_error(key, f"the shape {array.shape}", "at least one number")
     values = np.array(array.values, dtype=float, order="C")
-    if not (np.abs(values) <= largest).all():
-        place = dict(zip(array.dims, (int(i[0]) for i in np.nonzero(~(np.abs(values) <= largest))), strict=True))
+    wrong = ~(np.abs(values) <= LARGEST)
+    if wrong.any():
+        place = dict(zip(array.dims, (int(i[0]) for i in np.nonzero(wrong)), strict=True))
         raise scene_error(
-            key, f"a value that is not finite, or huge, at {place}", f"finite numbers of at most {largest:g}"
+            key, f"a value that is not finite, or huge, at {place}", f"finite numbers of at most {LARGEST:g}"
         )
     return values
+
+
+def _rising(key: str, given: Any, count: int, allowed: str) -> np.ndarray:
+    """Return finite numbers that rise as floats in an array of our own; refuse others."""
+    try:
+        numbers = np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise scene_error(key, given, allowed) from None
+    if numbers.shape != (count,) or not np.isfinite(numbers).all() or not is_rising(numbers):
+        raise scene_error(key, numbers.tolist(), allowed)
+    return numbers
 
 
 def _arc_length(array: xr.DataArray, given: Any, p: Parameters | None, key: str) -> np.ndarray:
@@ -274,12 +286,7 @@ def _arc_length(array: xr.DataArray, given: Any, p: Parameters | None, key: str)
         assert p is not None
         return floats(chain_of(p, particles - 1).arc_length.copy())
     allowed = f"{particles} numbers that rise from 0 to the unstretched length [m]"
-    try:
-        lengths = np.array(given.values if isinstance(given, xr.DataArray) else given, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise scene_error("arc_length", given, allowed) from None
-    if lengths.shape != (particles,) or not np.isfinite(lengths).all() or not is_rising(lengths):
-        raise scene_error("arc_length", lengths.tolist(), allowed)
+    lengths = _rising("arc_length", given, particles, allowed)
     if abs(lengths[0]) > ROUNDING * lengths[-1]:
         raise scene_error("arc_length", lengths.tolist(), allowed)
     lengths[0] = 0.0
@@ -301,7 +308,6 @@ def _found_in_scene(array: xr.DataArray, **given: Any) -> list[str]:
 def _instants(array: xr.DataArray, times: Any, p: Parameters | None) -> np.ndarray | None:
     """Return the instants [s], None where nobody knows them."""
     count = array.sizes["time"]
-    allowed = f"{count} finite, rising instants [s]"
     if times is None and "time" in array.coords:
         times = array.coords["time"].values
     if times is None:
@@ -310,13 +316,7 @@ def _instants(array: xr.DataArray, times: Any, p: Parameters | None) -> np.ndarr
         times = p.times()
         if times.size != count:
             raise scene_error("times", f"none with {count} instants", f"times=, or the {times.size} of the scene")
-    try:
-        instants = np.array(times, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise scene_error("times", times, allowed) from None
-    if instants.shape != (count,) or not np.isfinite(instants).all() or not is_rising(instants):
-        raise scene_error("times", instants.tolist(), allowed)
-    return instants
+    return _rising("times", times, count, f"{count} finite, rising instants [s]")
 
 
 def _check_ends(values: np.ndarray, instants: np.ndarray | None, p: Parameters) -> None:
@@ -389,7 +389,7 @@ def _mean(given: Any, shape: tuple[int, int]) -> np.ndarray:
     if given is None:
         return np.zeros(shape)
     array = _named("mean", given, PLACES[1:], "mean", "m")
-    values = _values("mean", array, LARGEST)
+    values = _values("mean", array)
     if values.shape != shape:
         raise scene_error("mean", f"the shape {values.shape}", f"{shape}, those of the shapes")
     if np.abs(values[[0, -1]]).max() > ROUNDING * max(np.abs(values).max(), 1e-300):

@@ -10,6 +10,7 @@ import xarray as xr
 from cablepod._inputs import ROUNDING, floats
 from cablepod.discretisation._lifting import line_between
 from cablepod.errors import SceneError
+from cablepod.parameters._particles import tributary_lengths
 from cablepod.pod._blocks import read_blocks
 
 #: Coordinate of the masses of the particles.
@@ -32,8 +33,7 @@ def relative_arc_length(dataset: xr.Dataset) -> np.ndarray:
 
 def tributary_weights(sigma: np.ndarray) -> np.ndarray:
     """Return the tributary lengths of the particles (particle), scaled to mean 1 over the inner particles."""
-    step = np.diff(sigma)
-    length = 0.5 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
+    length = tributary_lengths(np.diff(sigma))
     return length / length[1:-1].mean()
 
 
