@@ -288,11 +288,11 @@ class ImplicitStepper:
         """Whether all positions are finite and below the divergence bound."""
         return bool(np.isfinite(self.x).all() and np.abs(self.x).max() < self.run.divergence_bound)
 
-    def rotation_by_rounding(self, ends: np.ndarray | None) -> float:
+    def rotation_by_rounding(self, ends: list[np.ndarray]) -> float:
         """Return the rotation of a link by rounding errors over their relative size, for positions of the ends in a run."""
         # errors scale with the coordinates of the chain now, which may be far from the start; those beyond the bound are not
         # reached
-        largest = max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
+        largest = max(float(np.abs(positions).max()) for positions in (self.x, *ends))
         return min(self.run.divergence_bound, largest) * math.sqrt((1.0 / self.run.chain.length**2).mean())
 
     @property
@@ -316,7 +316,7 @@ class ImplicitStepper:
         """Call the kernel for steps at the instants `time`; returns the number of steps done."""
         tables, none = self._lane.tables(time), np.empty(0)
         ends = [table for table in (tables.lower, tables.upper) if table.size]
-        rotation = np.array([self.rotation_by_rounding(np.concatenate(ends) if ends else None)])
+        rotation = np.array([self.rotation_by_rounding(ends)])
         saved = self.saved.reshape(1, *self.saved.shape[:2], -1)
         record = Record(start, save, at, saved, *(self.extremes or (none, none)))
         states = self.start(step)

@@ -250,7 +250,7 @@ class ImplicitLanes:
         stepper = self._steppers[m]
         ends = [table[..., m] for table in (tables.lower, tables.upper) if table.size]
         stepper.x[:] = self._states[0, :, m].reshape(stepper.x.shape)
-        return stepper.rotation_by_rounding(np.concatenate(ends) if ends else None)
+        return stepper.rotation_by_rounding(ends)
 
     def _cut(self, m: int, number: int) -> None:
         """Take step `number` of a run in substeps, as a single run does; a run that fails is taken out of its lane."""
