@@ -132,6 +132,12 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
     )  # fmt: skip
 
 
+def share_of_five(modes: xr.Dataset) -> np.ndarray:
+    """Return the share of five singular values in their sum (coordinate,)."""
+    values = modes["singular_value"].values
+    return values[:, :5].sum(axis=1) / values.sum(axis=1)
+
+
 def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) -> xr.Dataset:
     """Compute the share of five singular values of Example 3 in the sum of 20.
 
@@ -151,15 +157,11 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
     printed = table("energy_shares")
     row = int(np.flatnonzero(printed["example"] == 3)[0])
 
-    def share(modes: xr.Dataset) -> np.ndarray:
-        values = modes["singular_value"].values
-        return values[:, :5].sum(axis=1) / values.sum(axis=1)
-
     swapped = scene("example3_swapped_rows")
 
     def of_step(step: float) -> np.ndarray:
         try:
-            return share(pod.decompose(chain.simulate(swapped, step=step), rank=SUMMED))
+            return share_of_five(pod.decompose(chain.simulate(swapped, step=step), rank=SUMMED))
         except RunStopped:  # step too long for links that snap taut
             return np.full(2, np.nan)
 
@@ -167,7 +169,7 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
     return described(
         "examples.example3_share", {"steps": list(steps)},
         {
-            "example3_share_equilibrium": ("coordinate", share(study("example3").modes),
+            "example3_share_equilibrium": ("coordinate", share_of_five(study("example3").modes),
                 "1", "share of five in the sum of 20 singular values, from equilibrium"),
             "example3_share_swapped": (("example3_step", "coordinate"), shares,
                 "1", "the same from the shape of 3750 N with the length of 7500 N"),

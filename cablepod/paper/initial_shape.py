@@ -13,7 +13,7 @@ from cablepod import chain, pod
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene, table
 from cablepod.paper.datasets import described
-from cablepod.paper.examples import SUMMED, misfit
+from cablepod.paper.examples import SUMMED, misfit, share_of_five
 from cablepod.paper.table1 import inextensible
 
 #: Time step of the runs [s] (half of it changes the ten values by at most 3e-4 as long as no link slackens).
@@ -136,8 +136,7 @@ def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] =
     for i, sag in enumerate(sags):
         changed = with_start(base, {"start_sag": sag})
         for j, step in enumerate(steps):
-            values = pod.decompose(chain.simulate(changed, step=step), rank=SUMMED)["singular_value"].values
-            shares[i, j] = values[:, :5].sum(axis=1) / values.sum(axis=1)
+            shares[i, j] = share_of_five(pod.decompose(chain.simulate(changed, step=step), rank=SUMMED))
     return described(
         "starts.example3", {"sags": list(sags), "steps": list(steps)},
         {
@@ -193,28 +192,20 @@ def search(
     cable = rng.uniform(*cable_lengths, size=draws)
     start = cable + rng.uniform(*differences, size=draws)
 
-    def gap(point: np.ndarray) -> float:
+    def gap(point: np.ndarray, part: float) -> float:
+        if progress is not None:
+            progress(part)
         values = _values(with_start(base, {"cable_length_m": point[0], "start_length_m": point[1]}))
         value = float(misfit(values[:, : target.shape[1]], target))
         return value if np.isfinite(value) else 99.0  # no such cable, or diverged
 
-    def gap_with_progress(point: np.ndarray, part: float) -> float:
-        if progress is not None:
-            progress(part)
-        return gap(point)
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # logarithm of nan
-        misfits = np.array(
-            [
-                gap_with_progress(np.array(pair), 0.7 * i / draws)
-                for i, pair in enumerate(zip(cable, start, strict=True))
-            ]
-        )
+        misfits = np.array([gap(pair, 0.7 * i / draws) for i, pair in enumerate(np.stack([cable, start], axis=1))])
         best = np.argsort(misfits)[:polished]
         ends = [
             minimize(
-                lambda point, i=i: gap_with_progress(point, 0.7 + 0.3 * i / polished),
+                lambda point, i=i: gap(point, 0.7 + 0.3 * i / polished),
                 [cable[k], start[k]],
                 method="Nelder-Mead",
                 options={
