@@ -120,12 +120,9 @@ def test_run_prints_the_worst_note_once(tmp_path, capsys):
         (("run", "example2", "--rank", "2"), "--ranks"),
     ],
 )
-def test_similar_names_are_proposed(arguments, remedy, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    status, _, err = said_of(capsys, *arguments)
-    assert status == 2
-    assert re.search(rf"(try: |did you mean '?|Did you mean '?){re.escape(remedy)}\b", err), err
-    assert err.count("\n") == 1
+@pytest.mark.usefixtures("here")
+def test_similar_names_are_proposed(arguments, remedy, refusal):
+    assert re.search(rf"(try: |did you mean '?|Did you mean '?){re.escape(remedy)}\b", refusal(*arguments))
 
 
 def test_a_free_end_has_no_frequencies(capsys):

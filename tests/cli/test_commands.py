@@ -26,13 +26,6 @@ from cablepod import cli
 from cablepod import examples as shipped
 
 
-@pytest.fixture
-def scene_file(tmp_path):
-    path = tmp_path / "small.toml"
-    path.write_text(SOFT_TOML)
-    return path
-
-
 @pytest.fixture(scope="module")
 def job(tmp_path_factory):
     """The folder of a run with two ranks, not to be changed, and what the command said on stdout and stderr."""
@@ -127,10 +120,7 @@ def test_what_is_left_out_is_told(scene_file, tmp_path, capsys):
     )
 
 
-def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(
-    scene_file, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
+def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(scene_file, here, capsys):
     assert cli.main(["run", str(scene_file), "--ranks", "1,9"]) == 0
     said, out = capsys.readouterr(), Path("out", "small")
     assert (out / "comparison.nc").exists()
@@ -139,13 +129,12 @@ def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(
     assert not (out / "galerkin_r9.nc").exists()
 
 
-def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
-    monkeypatch.chdir(tmp_path)
+def test_shipped_scenes_are_found_by_name(here, scenes):
     assert shipped.scene_path("example2").samefile(scenes / "example2.toml")
     assert shipped.scene_path("data/scenes/example2.toml").samefile(scenes / "example2.toml")
-    (tmp_path / "example2").mkdir()  # what --out example2 leaves does not hide the scene
+    (here / "example2").mkdir()  # what --out example2 leaves does not hide the scene
     assert shipped.scene_path("example2").samefile(scenes / "example2.toml")
-    own = tmp_path / "example2.toml"
+    own = here / "example2.toml"
     own.write_text("")
     assert shipped.scene_path("example2.toml").samefile(own)
     assert shipped.scene("example2").attrs["title"].startswith("Example 2")
@@ -169,14 +158,9 @@ def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
         ((SOFT_TOML, ""), "the scene file is empty"),
     ],
 )
-def test_bad_scenes_end_with_one_line_and_nothing_written(scene_file, tmp_path, capsys, change, match):
+def test_bad_scenes_end_with_one_line_and_nothing_written(scene_file, tmp_path, refusal, change, match):
     scene_file.write_text(SOFT_TOML.replace(*change))
-    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("cablepod: ")
-    assert said.err.count("\n") == 1
-    assert match in said.err
+    assert match in refusal("run", scene_file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -187,10 +171,10 @@ def test_a_refusal_is_the_status_of_the_process(scene_file, tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-def test_other_bad_input_ends_with_one_line(scene_file, tmp_path, capsys):
+def test_other_bad_input_ends_with_one_line(scene_file, tmp_path, refusal):
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "foreign.nc").write_bytes(b"CDF\x01 not really")
-    cases = [
+    for arguments in (
         ("run", tmp_path / "missing.toml", "--out", tmp_path / "out"),
         ("run", scene_file, "--out", tmp_path / "file"),
         ("run", scene_file, "--out", tmp_path / "file" / "below"),
@@ -199,12 +183,8 @@ def test_other_bad_input_ends_with_one_line(scene_file, tmp_path, capsys):
         ("run", scene_file, "--out", tmp_path / "out", "--ranks", "0"),
         ("info", tmp_path / "foreign.nc"),
         ("info", tmp_path / "nothing.nc"),
-    ]
-    for arguments in cases:
-        assert cli.main([str(argument) for argument in arguments]) == 2, arguments
-        said = capsys.readouterr().err
-        assert said.startswith("cablepod: "), arguments
-        assert said.count("\n") == 1, said
+    ):
+        refusal(*arguments)
 
 
 @pytest.mark.parametrize(
@@ -221,15 +201,9 @@ def test_other_bad_input_ends_with_one_line(scene_file, tmp_path, capsys):
         (["run", "example2", "--out", "x", "--ranks", "30,21"], "--ranks: given [21, 30]; allowed: one or more of at most 20"),
     ],
 )  # fmt: skip
-def test_wrong_arguments_end_with_one_line(arguments, match, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(arguments) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("cablepod: ")
-    assert said.err.count("\n") == 1
-    assert match in said.err
-    assert not list(tmp_path.iterdir())
+def test_wrong_arguments_end_with_one_line(arguments, match, here, refusal):
+    assert match in refusal(*arguments)
+    assert not list(here.iterdir())
 
 
 def test_help_and_version_end_with_status_0(capsys):

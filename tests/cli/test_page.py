@@ -32,12 +32,10 @@ def notes_of(captured):
     return [line.removeprefix("cablepod: note: ") for line in captured.err.splitlines() if "note: " in line]
 
 
-def test_run_writes_a_page_with_all_that_it_says(tmp_path, capsys):
-    scene, page = tmp_path / "it.toml", tmp_path / "deep" / "er" / "it.html"
-    scene.write_text(SOFT_TOML)
-    folder = tmp_path / "out"
+def test_run_writes_a_page_with_all_that_it_says(scene_file, tmp_path, capsys):
+    folder, page = tmp_path / "out", tmp_path / "deep" / "er" / "it.html"
     # ranks that the scene has not are left out with a note
-    arguments = ["run", str(scene), "--out", str(folder), "--ranks", "1,20", "--report", str(page)]
+    arguments = ["run", str(scene_file), "--out", str(folder), "--ranks", "1,20", "--report", str(page)]
     status = cli.main(arguments)
     captured = capsys.readouterr()
     if status:  # a scene with few modes refuses them: the page is then not written
@@ -93,9 +91,7 @@ def test_stringing_writes_a_page_with_its_figures(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("page", ["it.txt", "it", ""])
-def test_another_ending_is_refused_before_anything_runs(tmp_path, capsys, page):
-    scene = tmp_path / "it.toml"
-    scene.write_text(SOFT_TOML)
-    assert cli.main(["run", str(scene), "--out", str(tmp_path / "out"), "--report", page]) == 2
-    assert capsys.readouterr().err.startswith("cablepod: --report: given ")
+def test_another_ending_is_refused_before_anything_runs(scene_file, tmp_path, refusal, page):
+    said = refusal("run", scene_file, "--out", tmp_path / "out", "--report", page)
+    assert said.startswith("cablepod: --report: given ")
     assert not (tmp_path / "out").exists()

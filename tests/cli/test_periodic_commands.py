@@ -111,13 +111,9 @@ def test_tongues_writes_a_map_with_given_modes(guy, tmp_path, capsys):
         (["tongues", "GUY", "--frequency", "4", "8", "--amplitude", "0.1", "--points", "1"], "--points: given 1"),
     ],
 )
-def test_refusals_are_one_line(arguments, match, guy, tmp_path, capsys):
+def test_refusals_are_one_line(arguments, match, guy, tmp_path, refusal):
     given = [guy if text == "GUY" else text for text in arguments]
-    assert cli.main([*given, "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("cablepod: ")
-    assert said.count("\n") == 1
-    assert match in said
+    assert match in refusal(*given, "--out", tmp_path / "out")
 
 
 #: Arguments of the commands, the file of the result, and what its table says of the rest.
