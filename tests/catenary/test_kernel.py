@@ -19,7 +19,6 @@ RIGHT = 5e-14
 
 GUY = {"a": 20.40, "b": 57.70, "q": 78500 * 1.25e-4, "k": 2e7}
 KINDS = {"upper": kernel.UPPER_TENSION, "lower": kernel.LOWER_TENSION, "force": kernel.HORIZONTAL_FORCE}
-WHICH = {"upper": 0, "lower": 1, "force": 2}
 
 
 def solve(a, b, q, k, kind, value):
@@ -73,6 +72,30 @@ def check(out, cable, tolerance):
     assert force < tolerance
 
 
+def check_length(a, b, q, k, length):
+    """Check the cable of a given length; return what the kernel finds, and the reference."""
+    status, out = solve(a, b, q, k, kernel.LENGTH, length)
+    assert status == kernel.FOUND
+    cable = reference.from_length(a, b, q, k, length)
+    assert cable.residual() < MP.mpf(10) ** -50
+    check(out, cable, given_length_tolerance(cable))
+    return out, cable
+
+
+def check_given(a, b, q, k, kind, value, tolerance=RIGHT):
+    """Check the cable of a given tension or horizontal force."""
+    status, out = solve(a, b, q, k, kind, value)
+    assert status == kernel.FOUND
+    check(out, reference.from_quantity(a, b, q, k, kind, value), tolerance)
+
+
+def check_refused(status, *given):
+    """Check that the kernel finds nothing, and says why."""
+    found, out = solve(*given)
+    assert found == status
+    assert np.isnan(out).all()
+
+
 def lengths(chord):
     taut = [chord / 300, chord / 1.5, chord * (1 - 1e-4), chord * (1 - 1e-9)]
     return [*taut, chord, chord * (1 + 1e-6), chord * 1.1, 3 * chord]
@@ -117,11 +140,7 @@ def test_reference_agrees_with_quadrature():
 def test_given_length(direction, load):
     (a, b), (q, k) = DIRECTIONS[direction], load
     for length in lengths(math.hypot(a, b)):
-        status, out = solve(a, b, q, k, kernel.LENGTH, length)
-        assert status == kernel.FOUND
-        cable = reference.from_length(a, b, q, k, length)
-        assert cable.residual() < MP.mpf(10) ** -50
-        check(out, cable, given_length_tolerance(cable))
+        check_length(a, b, q, k, length)
 
 
 @pytest.mark.parametrize(
@@ -133,13 +152,11 @@ def test_given_length(direction, load):
 def test_given_tension_or_force(direction, load):
     (a, b), (q, k) = DIRECTIONS[direction], LOADS[load]
     chord = math.hypot(a, b)
-    for name, kind in KINDS.items():
+    for kind in KINDS.values():
         # from near the least tension (q c is above it, by a third and more) to a strain of hundreds in rubber
         for value in (2 * q * chord, 100 * q * chord, 300 * min(k, 1e6), *(TENSIONS if load == "usual" else ())):
-            status, out = solve(a, b, q, k, kind, value)
-            assert status == kernel.FOUND
             # well conditioned: the answer moves by no more than a few times the relative change of what is given
-            check(out, reference.from_quantity(a, b, q, k, WHICH[name], value), RIGHT)
+            check_given(a, b, q, k, kind, value)
 
 
 @pytest.mark.parametrize("power", [1, 3, 6, 12])
@@ -147,16 +164,10 @@ def test_given_tension_or_force(direction, load):
 def test_nearly_vertical(rise, power):
     a, q, k = abs(rise) * 10.0**-power, 9.8125, 2e7
     for length in (57.0, 57.7, 57.71, 170.0):
-        status, out = solve(a, rise, q, k, kernel.LENGTH, length)
-        assert status == kernel.FOUND
-        cable = reference.from_length(a, rise, q, k, length)
-        tolerance = given_length_tolerance(cable)
-        check(out, cable, tolerance)
+        out, cable = check_length(a, rise, q, k, length)
         # the small force across is right relative to itself; exp(2 eta) multiplies the roundings of eta, up to 30, by that
-        assert float(abs(out[2] - cable.force) / cable.force) < 10 * tolerance
-        status, out = solve(a, rise, q, k, kernel.HORIZONTAL_FORCE, float(cable.force))
-        assert status == kernel.FOUND
-        check(out, reference.from_quantity(a, rise, q, k, 2, float(cable.force)), RIGHT)
+        assert float(abs(out[2] - cable.force) / cable.force) < 10 * given_length_tolerance(cable)
+        check_given(a, rise, q, k, kernel.HORIZONTAL_FORCE, float(cable.force))
 
 
 @pytest.mark.parametrize("rise", [57.7, -57.7])
@@ -164,17 +175,11 @@ def test_nearly_vertical(rise, power):
 def test_vertical(rise, stiffness):
     # taut, hanging at its own length, folded at a lowest point below both ends
     for length in (20.0, 57.0, 57.69, 57.7, 58.0, 170.0):
-        status, out = solve(0.0, rise, 9.8125, stiffness, kernel.LENGTH, length)
-        assert status == kernel.FOUND
-        cable = reference.from_length(0.0, rise, 9.8125, stiffness, length)
-        assert cable.residual() < MP.mpf(10) ** -50
-        check(out, cable, given_length_tolerance(cable))
+        out, _ = check_length(0.0, rise, 9.8125, stiffness, length)
         assert out[2] == 0.0
     for name in ("upper", "lower"):
         for tension in (700.0, 1e4):
-            status, out = solve(0.0, rise, 9.8125, stiffness, KINDS[name], tension)
-            assert status == kernel.FOUND
-            check(out, reference.from_quantity(0.0, rise, 9.8125, stiffness, WHICH[name], tension), RIGHT)
+            check_given(0.0, rise, 9.8125, stiffness, KINDS[name], tension)
 
 
 @pytest.mark.parametrize("a", [0.0, 1e-9, 1e-3])
@@ -182,14 +187,14 @@ def test_vertical(rise, stiffness):
 def test_small_tension_at_the_lower_end_is_right_relative_to_itself(a, tension):
     # It is what was given; T - |V| tanh(eta) or |V| - w would lose it beside the 566 N at the upper end.
     for k in (1e4, 1e13):
-        for rise, kind, which in ((57.7, kernel.LOWER_TENSION, 1), (-57.7, kernel.UPPER_TENSION, 0)):
+        for rise, kind in ((57.7, kernel.LOWER_TENSION), (-57.7, kernel.UPPER_TENSION)):
             try:
-                cable = reference.from_quantity(a, rise, 9.8125, k, which, tension)
+                cable = reference.from_quantity(a, rise, 9.8125, k, kind, tension)
             except reference.NoCable:
                 continue
             status, out = solve(a, rise, 9.8125, k, kind, tension)
             assert status == kernel.FOUND
-            assert out[5 - which] == pytest.approx(tension, rel=1e-13, abs=0.0)
+            assert out[5 - kind] == pytest.approx(tension, rel=1e-13, abs=0.0)
             assert out[2] == pytest.approx(float(cable.force), rel=1e-13, abs=0.0)
 
 
@@ -199,17 +204,10 @@ def test_weightless_is_a_straight_spring(b, k):
     a = 20.4
     chord = math.hypot(a, b)
     for length in (chord / 200, chord / 2, chord * (1 - 1e-6)):
-        status, out = solve(a, b, 0.0, k, kernel.LENGTH, length)
-        assert status == kernel.FOUND
-        cable = reference.from_length(a, b, 0.0, k, length)
-        check(out, cable, given_length_tolerance(cable))
-    for name, kind in KINDS.items():
-        status, out = solve(a, b, 0.0, k, kind, 1000.0)
-        assert status == kernel.FOUND
-        check(out, reference.from_quantity(a, b, 0.0, k, WHICH[name], 1000.0), RIGHT)
-    status, out = solve(a, b, 0.0, k, kernel.LENGTH, chord * 1.01)
-    assert status == kernel.SLACK_WEIGHTLESS
-    assert np.isnan(out).all()
+        check_length(a, b, 0.0, k, length)
+    for kind in KINDS.values():
+        check_given(a, b, 0.0, k, kind, 1000.0)
+    check_refused(kernel.SLACK_WEIGHTLESS, a, b, 0.0, k, kernel.LENGTH, chord * 1.01)
 
 
 @pytest.mark.parametrize(
@@ -238,14 +236,10 @@ def test_least_tension(a, b, q, k, which, printed):
     )
     for margin in (1e-13, 1e-8, 1e-4):
         above, below = float(least + margin * most), float(least - margin * most)
-        status, out = solve(a, b, q, k, which, below)
-        assert status == kernel.BELOW_LEAST_TENSION
-        assert np.isnan(out).all()
-        status, out = solve(a, b, q, k, which, above)
-        assert status == kernel.FOUND
+        check_refused(kernel.BELOW_LEAST_TENSION, a, b, q, k, which, below)
         # A double root: a rounding d of the tension moves the length by d / (2 sqrt(margin)), times the width of the
         # minimum, and the sum of some roundings stands in for d.
-        check(out, reference.from_quantity(a, b, q, k, which, above), RIGHT + 1e-15 / math.sqrt(margin))
+        check_given(a, b, q, k, which, above, RIGHT + 1e-15 / math.sqrt(margin))
 
 
 def test_the_shorter_of_two_lengths():
@@ -309,13 +303,10 @@ def test_round_trips_between_the_four_ways_to_give_the_length():
     ],
 )
 def test_cases_once_found_wrong_or_given_up(a, b, q, k, kind, value):
-    status, out = solve(a, b, q, k, kind, value)
-    assert status == kernel.FOUND
     if kind == kernel.LENGTH:
-        cable = reference.from_length(a, b, q, k, value)
-        check(out, cable, given_length_tolerance(cable))
+        check_length(a, b, q, k, value)
     else:
-        check(out, reference.from_quantity(a, b, q, k, kind, value), RIGHT)
+        check_given(a, b, q, k, kind, value)
 
 
 def test_sag_function():
@@ -343,25 +334,17 @@ def test_impossible_values_are_refused(kind, value):
 def test_impossible_cables_are_refused(name, value):
     data = GUY | {name: value}
     for kind, given in ((0, 1875.0), (1, 1875.0), (2, 500.0), (3, 61.0), (3, 70.0)):
-        status, out = solve(*data.values(), kind, given)
-        assert status == kernel.NOT_FOUND
-        assert np.isnan(out).all()
+        check_refused(kernel.NOT_FOUND, *data.values(), kind, given)
 
 
 def test_other_statuses():
     for kind in (-1, 4):
         assert solve(*GUY.values(), kind, 61.0)[0] == kernel.NOT_FOUND
-    status, out = solve(0.0, 57.7, 9.8125, 2e7, kernel.HORIZONTAL_FORCE, 1.0)
-    assert status == kernel.VERTICAL_WITH_FORCE
-    assert np.isnan(out).all()
+    check_refused(kernel.VERTICAL_WITH_FORCE, 0.0, 57.7, 9.8125, 2e7, kernel.HORIZONTAL_FORCE, 1.0)
     # so slack, and unable to stretch instead, that its tension is exp(1000) times the force: refused, not infinite
-    status, out = solve(20.4, 57.7, 9.8125, 1e300, kernel.HORIZONTAL_FORCE, 0.1)
-    assert status == kernel.NOT_FOUND
-    assert np.isnan(out).all()
+    check_refused(kernel.NOT_FOUND, 20.4, 57.7, 9.8125, 1e300, kernel.HORIZONTAL_FORCE, 0.1)
     # vertical, hanging from its upper end with no tension at the lower one: the least there is
-    status, out = solve(0.0, 57.7, 9.8125, 2e7, kernel.LOWER_TENSION, 0.0)
-    assert status == kernel.FOUND
-    check(out, reference.from_quantity(0.0, 57.7, 9.8125, 2e7, 1, 0.0), RIGHT)
+    check_given(0.0, 57.7, 9.8125, 2e7, kernel.LOWER_TENSION, 0.0)
 
 
 def test_many_are_the_same_as_one_each():
