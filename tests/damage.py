@@ -8,8 +8,13 @@ import random
 def flipped(content: bytes, seed: int) -> bytes:
     """A file with one bit changed, at random."""
     rng = random.Random(seed)
+    return with_flipped(content, 8 * rng.randrange(len(content)) + rng.randrange(8))
+
+
+def with_flipped(content: bytes, bit: int) -> bytes:
+    """A file with this bit changed."""
     changed = bytearray(content)
-    changed[rng.randrange(len(changed))] ^= 1 << rng.randrange(8)
+    changed[bit // 8] ^= 1 << bit % 8
     return bytes(changed)
 
 

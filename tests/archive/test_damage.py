@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
-from damage import flipped, without_seal
+from damage import flipped, with_flipped, without_seal
 from results import make_modes, make_scene, make_trajectory
 
 from cablepod.archive import ArchiveError, describe, read, write
@@ -67,9 +67,7 @@ def test_values_are_right_or_refused_also_without_the_seal(kind, tmp_path):
     start = content.index(values.tobytes()[:8])  # stands in the file as it is; elsewhere the library may hang
     path = tmp_path / "flipped.nc"
     for bit in range(0, 64, 3):  # some of each byte
-        changed = bytearray(content)
-        changed[start + bit // 8] ^= 1 << bit % 8
-        path.write_bytes(changed)
+        path.write_bytes(with_flipped(content, 8 * start + bit))
         for task in (read, lazily):
             with pytest.raises(ArchiveError, match="changed since it was written"):
                 task(path)
@@ -102,10 +100,9 @@ def test_an_edit_is_named_and_taken_on_demand(tmp_path):
 
 
 def test_damage_is_named(tmp_path):
-    content = bytearray(write(make_modes(), path := tmp_path / "it.nc").read_bytes())
+    content = write(make_modes(), path := tmp_path / "it.nc").read_bytes()
     first = read(path)["mode_shape"].values.astype("<f8").tobytes()
-    content[content.index(first)] ^= 1
-    path.write_bytes(content)
+    path.write_bytes(with_flipped(content, 8 * content.index(first)))
     with pytest.raises(ArchiveError, match=r"it\.nc: changed since it was written: mode_shape;"):
         read(path)
 

@@ -8,7 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
-from damage import without_seal
+from damage import with_flipped, without_seal
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -70,9 +70,7 @@ def test_every_flipped_bit_of_the_seal_is_seen(kind, tmp_path):
     content = write(KINDS[kind](), tmp_path / "it.nc").read_bytes()
     path = tmp_path / "flipped.nc"
     for bit in range(8 * len(without_seal(content)), 8 * len(content)):
-        changed = bytearray(content)
-        changed[bit // 8] ^= 1 << bit % 8
-        path.write_bytes(changed)
+        path.write_bytes(with_flipped(content, bit))
         with pytest.raises((ArchiveError, ValueError)):  # readers make the second a message
             assert _checked.check_bytes(path, whole=True) is None, bit
 
@@ -92,9 +90,7 @@ def test_a_folded_crc_sees_what_changes(size):
         assert whole == zlib.crc32(data)
     seen = {whole}
     for bit in rng.integers(0, max(1, 8 * size), min(8 * size, 200)):
-        changed = bytearray(data)
-        changed[bit // 8] ^= 1 << bit % 8
-        assert folded.folded_crc(changed) != whole
+        assert folded.folded_crc(with_flipped(data, bit)) != whole
     for row in (*folded.ROWS, 1, 64):  # words that change places, in the same column of a fold or not
         for first in (0, 7):
             ends = [8 * first, 8 * (first + row)]

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+from histories import run_script
 
 import cablepod as cp
 from cablepod import lineage, provenance
@@ -15,10 +16,7 @@ from cablepod import lineage, provenance
 
 def again(dataset):
     """What the file that makes a dataset again gives."""
-    text = lineage.script(dataset)
-    made, body = {}, text.rsplit("cp.archive.write(", 1)
-    exec(compile(body[0], "lineage", "exec"), made)
-    return made[body[1].split(",")[0]]
+    return run_script(lineage.script(dataset))
 
 
 def reduced(soft, **options):

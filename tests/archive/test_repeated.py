@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from histories import run_script
 from suite import slow
 
 import cablepod as cp
@@ -28,13 +29,11 @@ def script_of(path):
 
 def again(text):
     """What a script makes, and what it says."""
-    body, last = text.rsplit("cp.archive.write(", 1)
-    made: dict = {}
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        exec(compile(body, "lineage", "exec"), made)
+        made = run_script(text)
     texts = [str(item.message) for item in said if issubclass(item.category, lineage.RepeatedWarning)]
-    return made[last.split(",")[0]], texts
+    return made, texts
 
 
 def perturb(monkeypatch, factor, functions=("chain.simulate",)):
