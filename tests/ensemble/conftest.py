@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 from scenes import ENSEMBLE_RANGES, ENSEMBLE_STEP, SOFT
 
@@ -17,6 +19,18 @@ def scenes_of(soft):
     )
 
 
+@pytest.fixture
+def slackened():
+    """Let members have 1 N, with which no cable of this weight hangs."""
+
+    def slacken(scenes, members):
+        tension = scenes["cable_top_tension"].copy(deep=True)
+        tension[members] = 1.0
+        return scenes.assign(cable_top_tension=tension)
+
+    return slacken
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A folder with an ensemble of ten members in three files; not to be changed."""
@@ -24,6 +38,12 @@ def finished(tmp_path_factory):
     scenes = cp.ensemble.design(cp.make_scene(SOFT), ENSEMBLE_RANGES, members=10)
     cp.ensemble.run(scenes, folder, batch=4, step=ENSEMBLE_STEP)
     return folder
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """A copy of that folder, to be changed at will."""
+    return shutil.copytree(finished, tmp_path / "it")
 
 
 @pytest.fixture

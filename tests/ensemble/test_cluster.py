@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 import re
-import shutil
 import signal
 import threading
 import time
@@ -224,26 +223,25 @@ def test_a_client_that_cannot_be_asked_is_refused(threads, scenes_of, tmp_path):
         cp.ensemble.run(scenes_of(2), tmp_path / "it", step=1e-3, scheduler=client)
 
 
-def test_a_folder_of_the_same_name_elsewhere_is_not_that_of_the_run(finished, tmp_path):
-    folder = shutil.copytree(finished, tmp_path / "it")
-    ensemble, token = json.loads((folder / "manifest.json").read_text())["id"], (folder / LOCK).read_text()
+def test_a_folder_of_the_same_name_elsewhere_is_not_that_of_the_run(copied, tmp_path):
+    ensemble, token = json.loads((copied / "manifest.json").read_text())["id"], (copied / LOCK).read_text()
     assert len(token) == 32
-    assert unseen(folder, ensemble, token) == ""
-    assert "is another folder" in unseen(folder, ensemble, token[::-1])
+    assert unseen(copied, ensemble, token) == ""
+    assert "is another folder" in unseen(copied, ensemble, token[::-1])
     assert unseen(tmp_path / "none", ensemble, token)
-    assert "holds ensemble" in unseen(folder, "another", token)
+    assert "holds ensemble" in unseen(copied, "another", token)
     # a batch for a process that does not see it: it asks for the inputs, then sends its results, with all attributes
-    (folder / "batch_0001.nc").unlink()
+    (copied / "batch_0001.nc").unlink()
     blind = {"token": token[::-1], "alone": False}
-    assert run_batch(folder, ensemble, 1, **blind)[:2] == (None, None)
-    inputs = pickle.loads(pickle.dumps(inputs_of(folder, ensemble, 1)))
-    done = run_batch(folder, ensemble, 1, inputs=inputs, **blind)
+    assert run_batch(copied, ensemble, 1, **blind)[:2] == (None, None)
+    inputs = pickle.loads(pickle.dumps(inputs_of(copied, ensemble, 1)))
+    done = run_batch(copied, ensemble, 1, inputs=inputs, **blind)
     assert done.entry is None
-    assert not (folder / "batch_0001.nc").exists()
-    written = run_batch(folder, ensemble, 1, token=token, alone=False)
+    assert not (copied / "batch_0001.nc").exists()
+    written = run_batch(copied, ensemble, 1, token=token, alone=False)
     assert written.batch is None
-    assert written.entry["bytes"] == (folder / "batch_0001.nc").stat().st_size
-    kept = cp.archive.read(folder / "batch_0001.nc")
+    assert written.entry["bytes"] == (copied / "batch_0001.nc").stat().st_size
+    kept = cp.archive.read(copied / "batch_0001.nc")
     xr.testing.assert_equal(done.batch, kept)
     assert done.batch.attrs["id"] == kept.attrs["id"]
 

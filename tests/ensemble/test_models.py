@@ -30,16 +30,19 @@ CASES = {
 }
 
 
+def modes_for(model, scene):
+    """Modes for a reduced model, as the further arguments of its function; none for the others."""
+    if model == "galerkin":
+        return (cp.pod.decompose(cp.chain.simulate(scene, step=4e-3)),)
+    return (full_modes(),) if model == "condensed" else ()
+
+
 @pytest.mark.parametrize("model", CASES)
 def test_each_model_gives_its_single_runs(soft, tmp_path, model):
     tables, ranges, options = CASES[model]
     scene = cp.make_scene({**soft, **tables})
     scenes = cp.ensemble.design(scene, ranges, members=3, seed=1)
-    modes = ()
-    if model == "galerkin":
-        modes = (cp.pod.decompose(cp.chain.simulate(scene, step=4e-3)),)
-    elif model == "condensed":
-        modes = (full_modes(),)
+    modes = modes_for(model, scene)
     run = cp.ensemble.run(
         scenes, tmp_path / "it", model=model, batch=2, **dict(zip(("modes",), modes, strict=False)), **options
     ).compute()
@@ -80,11 +83,7 @@ def test_attributes_that_become_variables_have_units_and_a_name(soft, model, opt
     if model != "rigid":  # whose ends may come together only
         soft["motion"]["upper"]["x"] = {"kind": "harmonic", "amplitude": -0.02, "angular_frequency": 2.0}
     scenes = cp.ensemble.design(cp.make_scene(soft), {"cable.top_tension": [200, 300, 2]})
-    modes = ()
-    if model == "galerkin":
-        modes = (cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), step=4e-3)),)
-    elif model == "condensed":
-        modes = (full_modes(),)
+    modes = modes_for(model, cp.make_scene(soft))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the sine starts with a jump
         alone = getattr(cp, model).simulate(scenes.isel(member=0, drop=True), *modes, **options)

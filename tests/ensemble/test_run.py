@@ -57,11 +57,9 @@ def test_reduced_models_run_too(soft, tmp_path, scenes_of):
         cp.ensemble.run(scenes, tmp_path / "it", model="condensed", modes=other, batch=5, **options)
 
 
-def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path, described):
+def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, slackened, tmp_path, described):
     scenes = scenes_of(9)
-    tension = scenes["cable_top_tension"].values.copy()
-    tension[[0, 1, 2, 4]] = 1.0  # no cable of this weight hangs with 1 N; one batch fails as a whole
-    bad = scenes.assign(cable_top_tension=("member", tension, scenes["cable_top_tension"].attrs))
+    bad = slackened(scenes, [0, 1, 2, 4])  # one batch fails as a whole
     with pytest.warns(
         cp.MemberFailedWarning, match=r"4 of 9 members failed .* member 0: cable\.top_tension: given 1\.0"
     ):
@@ -77,21 +75,16 @@ def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path, de
     assert stage == ["make_scene", "ensemble.design", "changed outside the package", "ensemble.run"]
 
 
-def test_all_members_may_fail(scenes_of, tmp_path):
-    scenes = scenes_of(3)
-    bad = scenes.assign(cable_top_tension=("member", np.ones(3), scenes["cable_top_tension"].attrs))
+def test_all_members_may_fail(scenes_of, slackened, tmp_path):
     with pytest.warns(cp.MemberFailedWarning, match="3 of 3 members failed"):
-        run = cp.ensemble.run(bad, tmp_path / "it", step=ENSEMBLE_STEP)
+        run = cp.ensemble.run(slackened(scenes_of(3), slice(None)), tmp_path / "it", step=ENSEMBLE_STEP)
     assert (run["failure"] != "").all()
     assert "position" not in run
 
 
-def test_a_condensed_model_whose_first_member_fails(scenes_of, tmp_path):
+def test_a_condensed_model_whose_first_member_fails(scenes_of, slackened, tmp_path):
     modes = full_modes()
-    scenes = scenes_of(4, ranges={"cable.top_tension": [200.0, 300.0]})
-    tension = scenes["cable_top_tension"].values.copy()
-    tension[0] = 1.0
-    bad = scenes.assign(cable_top_tension=("member", tension, scenes["cable_top_tension"].attrs))
+    bad = slackened(scenes_of(4, ranges={"cable.top_tension": [200.0, 300.0]}), 0)
     options = {"rank": 4, "step": 2e-3, "outputs": ("position",)}
     with pytest.warns(cp.MemberFailedWarning, match="1 of 4 members failed"):
         run = cp.ensemble.run(bad, tmp_path / "it", model="condensed", modes=modes, **options)
