@@ -33,6 +33,13 @@ def made_up(samples=30, particles=12, dims=2, seed=0, spectrum=None):
     )
 
 
+def particle_weights(snapshots, weights):
+    """Weights of the particles by their definition, of mean 1 over the inner ones: the ends have no part in it."""
+    length = np.diff(snapshots.arc_length)
+    carried = 0.5 * (np.r_[length, 0.0] + np.r_[0.0, length])
+    return np.ones(carried.size) if weights is None else carried / carried[1:-1].mean()
+
+
 def known_rows(samples, features, spectrum, kind="random", seed=0):
     """Rows of exactly known singular values with zero mean, and their modes; "waves" begin slowly, "turns" move one by one."""
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
-from spectra import made_up
+from spectra import made_up, particle_weights
 
 import cablepod as cp
 
@@ -26,9 +26,7 @@ def test_orthonormal_modes_and_the_discarded_energy(layout, weights):
     snapshots = made_up()
     full = cp.pod.decompose(snapshots, layout=layout, weights=weights)
     sets = [full] if layout == "vector" else [full.isel(coordinate=[axis]) for axis in range(2)]
-    length = np.diff(snapshots.arc_length)
-    carried = 0.5 * (np.r_[length, 0.0] + np.r_[0.0, length])
-    weight = np.ones(12) if weights is None else carried / carried[1:-1].mean()  # the ends have no part in it
+    weight = particle_weights(snapshots, weights)
     for modes in sets:
         shapes = modes.mode_shape.transpose("mode", "particle", "coordinate").values
         np.testing.assert_allclose(np.einsum("ipc,p,kpc->ik", shapes, weight, shapes), np.eye(len(shapes)), atol=1e-12)

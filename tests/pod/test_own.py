@@ -31,8 +31,8 @@ def chain(spatial: bool = False) -> xr.Dataset:
     return cp.chain.simulate(scene(spatial), links=10, step=1e-3, outputs=("position",))
 
 
-def of_array(**options) -> xr.Dataset:
-    return cp.snapshots(chain().position.values, **{"scene": scene(), **options})
+def of_array(values: np.ndarray | None = None, **options) -> xr.Dataset:
+    return cp.snapshots(chain().position.values if values is None else values, scene=scene(), **options)
 
 
 # --- snapshots ----------------------------------------------------------------------------------------------------------
@@ -91,7 +91,6 @@ def test_snapshots_are_a_stage_with_a_hash(tmp_path):
     assert "only a digest is kept of position" in "\n".join(script(again).splitlines())
 
 
-POSITION = "position: "
 WRONG_SNAPSHOTS = {
     "two dimensions": (lambda: cp.snapshots(SINES, scene=scene()), r"position: given the shape \(3, 11\); allowed: an array"),
     "no numbers": (lambda: cp.snapshots("run.csv", scene=scene()), "position: given a str; allowed: an array"),
@@ -112,14 +111,14 @@ WRONG_SNAPSHOTS = {
         lambda: cp.snapshots(chain().position.values),
         "arc_length: given none with position of 11 particles; allowed: arc_length=, .* or scene=",
     ),
-    "reversed": (lambda: of_array_of(chain().position.values[:, ::-1]), "position: lower end: given .*from the lower end"),
-    "axes": (lambda: of_array_of(chain().position.values[:, :, ::-1]), "position: upper end: given .*y upwards"),
-    "millimetres": (lambda: of_array_of(1e3 * chain().position.values), "position: upper end: given "),
+    "reversed": (lambda: of_array(chain().position.values[:, ::-1]), "position: lower end: given .*from the lower end"),
+    "axes": (lambda: of_array(chain().position.values[:, :, ::-1]), "position: upper end: given .*y upwards"),
+    "millimetres": (lambda: of_array(1e3 * chain().position.values), "position: upper end: given "),
     "dims": (lambda: cp.snapshots(chain(True).position.values, scene=scene()), "position: given '3 coordinates'"),
     "length": (lambda: of_array(arc_length=np.linspace(0, 11.0, 11)), "arc_length: given '11 m in all'; allowed: within 1 %"),
     "falling": (lambda: of_array(arc_length=np.linspace(10.0, 0.0, 11)), "arc_length: given .*11 numbers that rise from 0"),
     "instants": (lambda: of_array(times=[0.0, 1.0]), "times: given .*; allowed: 9 finite, rising instants"),
-    "fewer": (lambda: of_array_of(chain().position.values[:5]), "times: given 'none with 5 instants'; allowed: times="),
+    "fewer": (lambda: of_array(chain().position.values[:5]), "times: given 'none with 5 instants'; allowed: times="),
     "members": (
         lambda: cp.snapshots(chain().position.values, scene=cp.ensemble.design(scene(), {"gravity": [9.0, 10.0]}, members=2)),
         "scene: given several members",
@@ -129,10 +128,6 @@ WRONG_SNAPSHOTS = {
         "position: coordinate: given .*; allowed: .*y upwards",
     ),
 }  # fmt: skip
-
-
-def of_array_of(values: np.ndarray) -> xr.Dataset:
-    return cp.snapshots(values, scene=scene())
 
 
 @pytest.mark.parametrize("name", WRONG_SNAPSHOTS)
