@@ -39,11 +39,15 @@ def scenes_of(soft, motion, varied, dims=2):
         mapping = spatial(mapping)
         mapping["ends"]["upper"][2] = 1.0
         mapping["motion"].setdefault("upper", {})["z"] = {**HARMONIC, "amplitude": 0.02}
-    scene = cp.make_scene(mapping)
+    return varied_in(cp.make_scene(mapping), varied)
+
+
+def varied_in(scene, varied):
+    """Return members of a scene with these values of its variables; vectors of a spatial scene get a third coordinate."""
     new = {}
     for name, values in varied.items():
         rows = np.asarray(values)
-        if rows.ndim == 2 and dims == 3:
+        if rows.ndim == 2 and scene.sizes["coordinate"] == 3:
             rows = np.column_stack([rows, np.linspace(0.5, 1.5, len(rows))])
         new[name] = (("member", "coordinate")[: rows.ndim], rows, scene[name].attrs)
     return scene.assign(new)

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
+from member_scenes import varied_in
 from scenes import spatial
 from suite import slow
 
@@ -112,14 +113,7 @@ def scenes_of(soft, tables, varied, dims=2):
     if dims == 3:
         mapping = spatial(mapping)
         mapping["ends"]["upper"][2] = 1.0
-    scene = cp.make_scene(mapping)
-    new = {}
-    for name, values in varied.items():
-        rows = np.asarray(values)
-        if rows.ndim == 2 and dims == 3:
-            rows = np.column_stack([rows, np.linspace(0.5, 1.5, len(rows))])
-        new[name] = (("member", "coordinate")[: rows.ndim], rows, scene[name].attrs)
-    return scene.assign(new)
+    return varied_in(cp.make_scene(mapping), varied)
 
 
 def run_batched(scenes, options):
