@@ -205,36 +205,37 @@ MISTAKES = [
     ("ensemble", {"members": 3, "seed": -1}, r"^ensemble\.seed: given -1; allowed: a whole number of at least 0$"),
     ("ensemble", {"members": 3, "sampling": "random"}, r'^ensemble\.sampling: given \'random\'; .*"sobol", "grid"$'),
 ]  # fmt: skip
+#: The same in the table of a scene and in a call of ensemble.design.
 RANGES = [
-    ({"cable.tension": [1, 2]}, r"^ensemble\.ranges\.cable\.tension: unknown key path; allowed: the path of a number"),
-    ({"cable": [1, 2]}, r"^ensemble\.ranges\.cable: unknown key path"),
-    ({"ends.upper": [1, 2]}, r"^ensemble\.ranges\.ends\.upper: unknown key path"),
-    ({"title": [1, 2]}, r"^ensemble\.ranges\.title: unknown key path"),
-    ({5: [1, 2]}, r"^ensemble\.ranges\.5: unknown key path"),
-    ({"ensemble.members": [1, 2]}, r"^ensemble\.ranges\.ensemble\.members: unknown key path"),
-    ({"gravity": [2, 1]}, r"^ensemble\.ranges\.gravity: given \[2, 1\]; allowed: \[low, high\] with low < high$"),
-    ({"gravity": [1, 1]}, r"^ensemble\.ranges\.gravity: given \[1, 1\]; allowed: \[low, high\] with low < high$"),
-    ({"gravity": [1, 2, 2.5]}, r"^ensemble\.ranges\.gravity: given \[1, 2, 2\.5\]; allowed: \[low, high, count\] with low"),
-    ({"gravity": [1, 2, 1]}, r"^ensemble\.ranges\.gravity: given \[1, 2, 1\]; .* a whole count of at least 2$"),
-    ({"gravity": [2, 1, 3]}, r"^ensemble\.ranges\.gravity: given \[2, 1, 3\]; allowed: .* with low < high"),
-    ({"gravity": [1, 2, 4]}, r"^ensemble\.members: given 3; allowed: 4, the product of the counts 4, or none given$"),
-    ({"gravity": [1, 2, 10**9]}, r"^ensemble\.members: given 1000000000; allowed: .* at most 10000000$"),
-    ({"gravity": [1, 2, 3, 4]}, r"^ensemble\.ranges\.gravity: given .*; lists of values need sampling \"grid\" or"),
+    ({"cable.tension": [1, 2]}, r"ranges\.cable\.tension: unknown key path; allowed: the path of a number"),
+    ({"cable": [1, 2]}, r"ranges\.cable: unknown key path"),
+    ({"ends.upper": [1, 2]}, r"ranges\.ends\.upper: unknown key path"),
+    ({"title": [1, 2]}, r"ranges\.title: unknown key path"),
+    ({5: [1, 2]}, r"ranges\.5: unknown key path"),
+    ({"ensemble.members": [1, 2]}, r"ranges\.ensemble\.members: unknown key path"),
+    ({"gravity": [2, 1]}, r"ranges\.gravity: given \[2, 1\]; allowed: \[low, high\] with low < high$"),
+    ({"gravity": [1, 1]}, r"ranges\.gravity: given \[1, 1\]; allowed: \[low, high\] with low < high$"),
+    ({"gravity": [1, 2, 2.5]}, r"ranges\.gravity: given \[1, 2, 2\.5\]; allowed: \[low, high, count\] with low"),
+    ({"gravity": [1, 2, 1]}, r"ranges\.gravity: given \[1, 2, 1\]; .* a whole count of at least 2$"),
+    ({"gravity": [2, 1, 3]}, r"ranges\.gravity: given \[2, 1, 3\]; allowed: .* with low < high"),
+    ({"gravity": [1, 2, 4]}, r"members: given 3; allowed: 4, the product of the counts 4, or none given$"),
+    ({"gravity": [1, 2, 10**9]}, r"members: given 1000000000; allowed: .* at most 10000000$"),
+    ({"gravity": [1, 2, 3, 4]}, r"ranges\.gravity: given .*; lists of values need sampling \"grid\" or"),
     (
         {"gravity": [1, 2, 3], "cable.top_tension": [200, 300]},
-        r"^ensemble\.ranges\.cable\.top_tension: .*; allowed: \[low, high, count\], as ensemble\.ranges\.gravity has a count$",
+        r"ranges\.cable\.top_tension: .*; allowed: \[low, high, count\], as (ensemble\.)?ranges\.gravity has a count$",
     ),
-    ({"ends.upper": [1, 2, 3]}, r"^ensemble\.ranges\.ends\.upper: unknown key path; .*; try: ends\.upper\.x or ends\.upper\.y$"),
-    ({"gravity": 1.0}, r"^ensemble\.ranges\.gravity: given 1\.0; allowed: a list of at least 2 finite numbers$"),
-    ({"gravity": ["1", 2]}, r"^ensemble\.ranges\.gravity\[0\]: given '1'; allowed: a finite number$"),
-    ({"gravity": [-1, 2]}, r"^ensemble\.ranges\.gravity: given \[-1\.0, 2\.0\], at -1 no scene: gravity: given -1\.0; "),
+    ({"ends.upper": [1, 2, 3]}, r"ranges\.ends\.upper: unknown key path; .*; try: ends\.upper\.x or ends\.upper\.y$"),
+    ({"gravity": 1.0}, r"ranges\.gravity: given 1\.0; allowed: a list of at least 2 finite numbers$"),
+    ({"gravity": ["1", 2]}, r"ranges\.gravity\[0\]: given '1'; allowed: a finite number$"),
+    ({"gravity": [-1, 2]}, r"ranges\.gravity: given \[-1\.0, 2\.0\], at -1 no scene: gravity: given -1\.0; "),
     (
         {"cable.top_tension": [10, 300]},
-        r"^ensemble\.ranges\.cable\.top_tension: given \[10\.0, 300\.0\], at 10 no scene: cable\.top_tension: given 10\.0; "
+        r"ranges\.cable\.top_tension: given \[10\.0, 300\.0\], at 10 no scene: cable\.top_tension: given 10\.0; "
         r"allowed: at least ",
     ),
-    ({"time.interval": [1, 5]}, r"at 5 no scene: time\.interval: given 5\.0; allowed: at most time\.duration, 4 s$"),
-    ({"chain.links": [5, 9]}, r"chain\.links: given \[5, 9\]; allowed: a list of whole numbers, by sampling"),
+    ({"time.interval": [1, 5]}, r"ranges\.time\.interval: .* at 5 no scene: time\.interval: given 5\.0; .* time\.duration, 4 s$"),
+    ({"chain.links": [5, 9]}, r"ranges\.chain\.links: given \[5, 9\]; allowed: a list of whole numbers, by sampling"),
 ]  # fmt: skip
 
 
@@ -247,8 +248,9 @@ def test_a_mistake_is_named(soft, path, value, match):
 
 @pytest.mark.parametrize(("ranges", "match"), RANGES, ids=[str(next(iter(item[0].items()))) for item in RANGES])
 def test_a_mistake_in_a_range_is_named(soft, ranges, match):
-    soft["ensemble"] = {"members": 3, "ranges": ranges}
-    refused(soft, match)
+    refused(soft | {"ensemble": {"members": 3, "ranges": ranges}}, rf"^ensemble\.{match}")
+    with pytest.raises(cp.SceneError, match=f"^{match}"):
+        cp.ensemble.design(cp.make_scene(soft), ranges, members=3)
 
 
 @pytest.mark.parametrize("mapping", [None, 5, [], "cable", [("cable", 1)]])
