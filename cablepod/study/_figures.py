@@ -43,8 +43,8 @@ def write_figures(
     *,
     ends: xr.Dataset | None = None,
     title: str = "",
-) -> list[str]:
-    """Write the figures without pyplot, which would change the caller's open figures and backend; return their names.
+) -> None:
+    """Write the figures without pyplot, which would change the caller's open figures and backend.
 
     Parameters
     ----------
@@ -81,7 +81,6 @@ def write_figures(
     if reference.sizes["link"] < 2:  # a map needs two
         del drawings["tension_map"]
     write_drawings(folder, drawings, title)
-    return list(drawings)
 
 
 def write_drawings(folder: Path, drawings: Mapping[str, Callable[..., Any]], title: str) -> None:
