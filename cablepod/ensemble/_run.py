@@ -23,7 +23,7 @@ from cablepod._inputs import taken
 from cablepod._models import Model, model_of
 from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
-from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, time_errors
+from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, sizes_of, time_errors
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.ensemble import _resume as resume
@@ -182,7 +182,7 @@ def _batches(
 ) -> Iterator[xr.Dataset]:
     """Yield the results of a prepared ensemble, batch by batch."""
     scenes, modes, size = inputs[SCENES], inputs.get(MODES), plan["batch"]
-    sizes = [min(size, plan["members"] - first) for first in range(0, plan["members"], size)]
+    sizes = sizes_of(plan)
     total = Progress(progress, sizes, ())
     stop = threading.Event()
     with worker_pool(scheduler, workers, len(sizes)) as pool:
