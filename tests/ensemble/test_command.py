@@ -21,7 +21,7 @@ seed = 2
 """
 
 
-def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
+def test_the_command_runs_resumes_and_tells(tmp_path, capsys, described):
     scene = tmp_path / "study.toml"
     scene.write_text(SOFT_TOML.replace("links = 8", "links = 12") + TABLE)  # enough that nothing is to be said of them
     out = tmp_path / "deep" / "out"
@@ -36,9 +36,7 @@ def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
     written = (out / "batch_0000.nc").stat().st_mtime_ns
     assert cli.main(command) == 0
     assert (out / "batch_0000.nc").stat().st_mtime_ns == written
-    capsys.readouterr()
-    assert cli.main(["info", str(out)]) == 0
-    told = capsys.readouterr().out
+    told = described(out)
     for text in (
         "members   5 in 1 files of 64",
         "failed    0",
