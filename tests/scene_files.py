@@ -137,6 +137,14 @@ def toml_of(mapping: dict[str, Any]) -> str:
 
 
 LOAD = {"arc_length": 0.5, "force": [0.0, 1.0]}
+#: A guy of given length, and a mass on it: for scenes with segments and attachments.
+GUY: dict[str, Any] = {
+    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "unstretched_length": 61.156, "diameter": 0.014},
+    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+    "chain": {"links": 10},
+    "time": {"duration": 1.0, "interval": 0.1},
+}  # fmt: skip
+MASS = {"arc_length": 0.5, "mass": 60.0}
 
 
 @functools.cache

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
+from scene_files import GUY, MASS
 from scenes import SOFT
 
 import cablepod as cp
@@ -15,14 +15,6 @@ from cablepod.parameters._from_scene import Members, SceneContent, parameters
 from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.scene import _warnings
 from cablepod.scene._warnings import warn_of_unusual, warn_once
-
-BASE: dict[str, Any] = {
-    "cable": {**{"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "unstretched_length": 61.156, "diameter": 0.014}},
-    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
-    "chain": {"links": 10},
-    "time": {"duration": 1.0, "interval": 0.1},
-}  # fmt: skip
-MASS = {"arc_length": 0.5, "mass": 60.0}
 
 
 def test_a_load_of_nothing_is_absent(soft):
@@ -52,7 +44,7 @@ def test_most_values_are_checked_once(monkeypatch):
 
 
 def test_a_function_of_several_models_warns_once():
-    scene = cp.make_scene({**BASE, "cable": {**BASE["cable"], "density": 8.0}})
+    scene = cp.make_scene({**GUY, "cable": {**GUY["cable"], "density": 8.0}})
     options = {"times": [0.0, 0.01], "step": 1e-6}
 
     @warn_once
@@ -76,7 +68,7 @@ def test_the_notes_of_a_known_scene_are_not_computed_again(monkeypatch):
 def test_ice_grows_on_each_segment_by_its_diameter() -> None:
     ice = {"thickness": 0.01, "density": 700.0}
     segments = [{"to": 0.4}, {"diameter": 0.03}]
-    p = parameters(cp.make_scene({**BASE, "segment": segments, "ice": ice, "attachment": [MASS]}))
+    p = parameters(cp.make_scene({**GUY, "segment": segments, "ice": ice, "attachment": [MASS]}))
     for segment, diameter in zip(p.segments, (0.014, 0.03), strict=True):
         assert segment.mass == pytest.approx(1.0 + 700.0 * math.pi * 0.01 * (diameter + 0.01), rel=1e-14)
         assert segment.diameter == pytest.approx(diameter + 0.02, rel=1e-14)
@@ -92,18 +84,18 @@ def test_places_and_directions_of_attachments() -> None:
         {"distance_from_lower": 6.1156, **damper},
         {"distance_from_upper": 6.1156, "spring": 2.0, "direction": [3.0, 4.0]},
     ]
-    p = parameters(cp.make_scene({**BASE, "attachment": tables}))
+    p = parameters(cp.make_scene({**GUY, "attachment": tables}))
     np.testing.assert_allclose(attachment_fractions(p, 61.156), [0.5, 0.1, 0.9], rtol=1e-14)
     normal, given = p.attachments[1].direction, p.attachments[2].direction
     assert normal is not None
     assert given is not None
     np.testing.assert_allclose(normal, np.array([-57.7, 20.4]) / math.hypot(57.7, 20.4), rtol=1e-14)
     np.testing.assert_allclose(given, [0.6, 0.8], rtol=1e-15)
-    upright = {**BASE, "ends": {"lower": [0.0, 0.0], "upper": [0.0, 57.7]}}
+    upright = {**GUY, "ends": {"lower": [0.0, 0.0], "upper": [0.0, 57.7]}}
     with pytest.raises(cp.SceneError, match=r"^attachment\.1\.direction: given 'normal'"):
         cp.make_scene({**upright, "attachment": [{"arc_length": 0.5, **damper}]})
 
 
 def test_free_end_bears_an_attachment() -> None:
-    free = {**BASE, "ends": {**BASE["ends"], "free": "upper"}, "attachment": [{"arc_length": 1.0, "mass": 3.0}]}
+    free = {**GUY, "ends": {**GUY["ends"], "free": "upper"}, "attachment": [{"arc_length": 1.0, "mass": 3.0}]}
     assert attachment_fractions(parameters(cp.make_scene(free)), 61.156).tolist() == [1.0]

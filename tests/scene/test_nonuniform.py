@@ -7,18 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scene_files import GUY, MASS
 
 import cablepod as cp
 from cablepod.errors import SceneError
 
-CABLE = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "unstretched_length": 61.156, "diameter": 0.014}
-BASE: dict[str, Any] = {
-    "cable": CABLE,
-    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
-    "chain": {"links": 10},
-    "time": {"duration": 1.0, "interval": 0.1},
-}
-MASS = {"arc_length": 0.5, "mass": 60.0}
 SEGMENTS_REFUSED = [
     ([{"from": 0, "to": 0.4}, {"from": 0.5, "to": 1}], "segment.2.from: given 0.5"),
     ([{"from": 0, "to": 0.4}, {"from": 0.3, "to": 1}], "segment.2.from: given 0.3"),
@@ -63,14 +56,14 @@ ATTACHMENTS_REFUSED = [
 @pytest.mark.parametrize(("tables", "message"), SEGMENTS_REFUSED)
 def test_segments_are_refused_by_key(tables: Any, message: str) -> None:
     with pytest.raises(SceneError) as error:
-        cp.make_scene({**BASE, "segment": tables})
+        cp.make_scene({**GUY, "segment": tables})
     assert str(error.value).startswith(message)
 
 
 @pytest.mark.parametrize(("tables", "message"), ATTACHMENTS_REFUSED)
 def test_attachments_are_refused_by_key(tables: Any, message: str) -> None:
     with pytest.raises(SceneError) as error:
-        cp.make_scene({**BASE, "attachment": tables})
+        cp.make_scene({**GUY, "attachment": tables})
     assert str(error.value).startswith(message)
 
 
@@ -90,9 +83,9 @@ LINK = 61.156 / 10
 
 def test_segment_has_the_keys_of_the_cable_that_it_leaves_out() -> None:
     heavier = {"from": 0.4, "specific_weight": 2 * 8000.0 * 9.81, "area": 2.5e-4, "strand": "EHS 1/2 in"}
-    scene = cp.make_scene({**BASE, "segment": [{"to": 0.4}, heavier]})
+    scene = cp.make_scene({**GUY, "segment": [{"to": 0.4}, heavier]})
     stiffness, mass = of_links(scene)
-    strand = float(cp.make_scene({**BASE, "cable": {"strand": "EHS 1/2 in", "top_tension": 1e4}}).cable_youngs_modulus)
+    strand = float(cp.make_scene({**GUY, "cable": {"strand": "EHS 1/2 in", "top_tension": 1e4}}).cable_youngs_modulus)
     np.testing.assert_allclose(stiffness, [2e7] * 4 + [2.5e-4 * strand] * 6, rtol=RTOL)
     # the own weight in place of the density of strand and cable
     np.testing.assert_allclose(mass / LINK, [1.0] * 3 + [2.5] + [4.0] * 5, rtol=RTOL)
@@ -106,22 +99,22 @@ def test_segment_has_the_keys_of_the_cable_that_it_leaves_out() -> None:
 
 def test_segment_by_stiffness_and_mass_per_length() -> None:
     segments = [{"to": 0.4, "axial_stiffness": 3e7}, {"mass_per_length": 2.5}]
-    stiffness, mass = of_links(cp.make_scene({**BASE, "segment": segments}))
+    stiffness, mass = of_links(cp.make_scene({**GUY, "segment": segments}))
     np.testing.assert_allclose(stiffness, [3e7] * 4 + [2e7] * 6, rtol=RTOL)
     np.testing.assert_allclose(mass / LINK, [1.0] * 3 + [1.75] + [2.5] * 5, rtol=RTOL)
 
 
 def test_segments_stand_in_any_order_and_equal_ones_are_none() -> None:
     first, second = {"from": 0.0, "to": 0.4}, {"from": 0.4, "to": 1.0, "area": 2e-4}
-    turned = of_links(cp.make_scene({**BASE, "segment": [second, first]}))[0]
+    turned = of_links(cp.make_scene({**GUY, "segment": [second, first]}))[0]
     np.testing.assert_allclose(turned, [2e7] * 4 + [3.2e7] * 6, rtol=RTOL)
-    equal = cp.make_scene({**BASE, "segment": [first, {**second, "area": CABLE["area"]}]})
-    np.testing.assert_array_equal(np.concatenate(of_links(equal)), np.concatenate(of_links(cp.make_scene(BASE))))
+    equal = cp.make_scene({**GUY, "segment": [first, {**second, "area": GUY["cable"]["area"]}]})
+    np.testing.assert_array_equal(np.concatenate(of_links(equal)), np.concatenate(of_links(cp.make_scene(GUY))))
 
 
 def test_places_of_attached_masses() -> None:
     tables = [MASS, {"distance_from_lower": 6.1156, "mass": 20.0}, {"distance_from_upper": 6.1156, "mass": 30.0}]
-    mass = of_links(cp.make_scene({**BASE, "attachment": tables}))[1]
+    mass = of_links(cp.make_scene({**GUY, "attachment": tables}))[1]
     np.testing.assert_allclose(mass - LINK, [20.0, 0, 0, 0, 60.0, 0, 0, 0, 30.0], rtol=0, atol=LINK * 1e-9)
 
 
@@ -135,12 +128,12 @@ def test_place_and_size_vary_over_members() -> None:
         "attachment.1.arc_length": [0.1, 0.2],
         "attachment.1.direction.x": [0.0, 1.0],
     }
-    members = cp.ensemble.design(cp.make_scene({**BASE, **tables}), values, members=2, sampling="list")
+    members = cp.ensemble.design(cp.make_scene({**GUY, **tables}), values, members=2, sampling="list")
     together = cp.cable.frequencies(members, count=2)
     for member in range(2):
         to, area, mass, place, x = (row[member] for row in values.values())
         changed = {**damper, "mass": mass, "arc_length": place, "direction": [x, 1.0]}
-        single = cp.make_scene({**BASE, "segment": [{"to": to, "area": area}, {}], "attachment": [changed]})
+        single = cp.make_scene({**GUY, "segment": [{"to": to, "area": area}, {}], "attachment": [changed]})
         np.testing.assert_array_equal(
             np.concatenate(of_links(members.isel(member=member))), np.concatenate(of_links(single))
         )
@@ -151,7 +144,7 @@ def test_place_and_size_vary_over_members() -> None:
 
 def test_scene_file_and_archive_keep_the_tables(tmp_path: Any) -> None:
     damper = {"distance_from_upper": 3.0, "damper": 50.0, "direction": "normal"}
-    scene = cp.make_scene({**BASE, "segment": [{"to": 0.4, "area": 2e-4}, {}], "attachment": [MASS, damper]})
+    scene = cp.make_scene({**GUY, "segment": [{"to": 0.4, "area": 2e-4}, {}], "attachment": [MASS, damper]})
     cp.archive.write(scene, tmp_path / "scene.nc")
     again = cp.archive.read(tmp_path / "scene.nc")
     xr.testing.assert_identical(again.drop_attrs(), scene.drop_attrs())
@@ -159,7 +152,7 @@ def test_scene_file_and_archive_keep_the_tables(tmp_path: Any) -> None:
     by_path = {"segment.1.to": 0.4, "segment.1.area": 2e-4, "segment.2.to": 1.0}
     by_path |= {"attachment.1.arc_length": 0.5, "attachment.1.mass": 60.0}
     by_path |= {f"attachment.2.{name}": value for name, value in damper.items()}
-    assert cp.make_scene({**BASE, **by_path}).id == scene.id
+    assert cp.make_scene({**GUY, **by_path}).id == scene.id
 
 
 @pytest.mark.parametrize(
@@ -176,7 +169,7 @@ def test_a_dataset_that_lost_one_of_several_tables_is_refused(lost: str, message
         "attachment": [MASS, {"arc_length": 0.2, "mass": 5.0}],
         "point_load": [{"arc_length": place, "force": [0.0, -9.0]} for place in (0.3, 0.6)],
     }
-    scene = cp.make_scene({**BASE, **lists})
+    scene = cp.make_scene({**GUY, **lists})
     left = scene.drop_vars([name for name in scene.data_vars if str(name).startswith(lost)])
     with pytest.raises(SceneError, match=message):
         cp.catenary.rest(left)
