@@ -88,7 +88,7 @@ def tried(*, progress: Callable[[float], None] | None = None) -> xr.Dataset:
             progress((i + 1) / len(names))
     count = target.shape[1]
     return described(
-        "starts.tried", {"step": STEP},
+        "initial_shape.tried", {"step": STEP},
         {
             "tried_singular_value": (("tried", "coordinate", "table2_row"), values[..., :count],
                 "m", "singular value of the centred, lifted snapshots"),
@@ -138,7 +138,7 @@ def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] =
         for j, step in enumerate(steps):
             shares[i, j] = share_of_five(pod.decompose(chain.simulate(changed, step=step), rank=SUMMED))
     return described(
-        "starts.example3", {"sags": list(sags), "steps": list(steps)},
+        "initial_shape.example3", {"sags": list(sags), "steps": list(steps)},
         {
             "sagging_share": (("relative_sag", "sagging_step", "coordinate"), shares,
                 "1", "share of five in the sum of 20 singular values of Example 3"),
@@ -229,4 +229,4 @@ def search(
         "most_evaluations": most_evaluations, "seed": seed,
     }  # fmt: skip
     variables = {name: (*column, name.replace("_", " ")) for name, column in columns.items()}
-    return described("starts.search", options, variables, {}, [base])
+    return described("initial_shape.search", options, variables, {}, [base])

@@ -135,7 +135,7 @@ def table1() -> xr.Dataset:
     misfit = np.abs(unstretched[:, :, 0] - printed["unstretched_length_m"][:, None])
     place = ("table1_row", "table1_stiffness", "procedure")
     return described(
-        "statics.table1", {},
+        "table1.table1", {},
         {
             "table1_unstretched_length": (place, unstretched, "m", "unstretched length L0 for the tension of the row"),
             "table1_stretched_length": (place, stretched, "m", "stretched length L"),
@@ -192,7 +192,7 @@ def rest_comparison(
     ours = chain.simulate(coarse, times=times, **options)["position"].values
     theirs = independent_chain.simulate(coarse, times)
     return described(
-        "statics.rest_comparison", {"links": list(links), "moving_links": moving_links, "duration": duration},
+        "table1.rest_comparison", {"links": list(links), "moving_links": moving_links, "duration": duration},
         {
             "rest_gap": ("rest_links", gaps,
                 "m", "largest distance at rest between a particle of the chain and the elastic catenary"),

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ from histories import run_script
 
 import cablepod as cp
 from cablepod import lineage, provenance
+from cablepod.paper import table1
 
 
 def again(dataset):
@@ -136,3 +141,23 @@ def test_the_command_writes_a_file_that_runs(soft, tmp_path):
     assert made.attrs["id"] == kept.attrs["id"]
     xr.testing.assert_equal(made, kept)
     assert scene.attrs["id"] in shown.stdout
+
+
+def test_histories_of_the_paper_name_functions():
+    """The name that a function of the paper records is its own, by which a script calls it."""
+    folder = Path(cp.__file__).parent / "paper"
+    names = [
+        f"cablepod.paper.{name}"
+        for path in sorted(folder.glob("*.py"))
+        for name in re.findall(r'\bdescribed\(\s*"([\w.]+)"', path.read_text(encoding="utf-8"))
+    ]
+    assert len(names) > 10
+    for name in names:
+        module, _, function = name.rpartition(".")
+        assert inspect.isfunction(getattr(importlib.import_module(module), function)), name
+
+
+def test_a_table_of_the_paper_is_made_again():
+    table = table1.table1()
+    assert "cp.paper.table1.table1()" in lineage.script(table)
+    assert provenance.digest(again(table)) == provenance.digest(table)
