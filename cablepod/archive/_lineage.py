@@ -147,6 +147,11 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
             for key, value in parameters.items()
             if key in _options(function) and key not in chosen
         ]
+        arguments = inspect.signature(_callable(function)).parameters.values()
+        if all(
+            argument.kind is argument.KEYWORD_ONLY for argument in arguments
+        ):  # functions of the paper read their scenes
+            inputs = []
         call = f"cp.{function}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
     if function != provenance.CHANGED:  # the id of a changed dataset appears only in later stages
