@@ -10,10 +10,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed import _kernels_layout as layout
 from cablepod.condensed._air import CondensedAir, filled_up
-from cablepod.condensed._kernels_host_layout import HostAir, HostCoefficients
-from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MONITOR_ROWS, initial_monitor
+from cablepod.condensed._kernels_layout import (
+    MAX_OMEGA_SQUARED,
+    MONITOR_ROWS,
+    HostAir,
+    HostCoefficients,
+    initial_monitor,
+)
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.discretisation._chord_frame import MAX_COSINE

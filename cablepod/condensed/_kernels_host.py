@@ -26,7 +26,7 @@ from cablepod._jit import compiled
 from cablepod.condensed._kernels_closure import _forces
 from cablepod.condensed._kernels_drag import _add_drag
 from cablepod.condensed._kernels_frame import _complete_axes
-from cablepod.condensed._kernels_host_layout import (
+from cablepod.condensed._kernels_layout import (
     AIR_MOMENTS,
     AIR_RATES,
     AIR_VELOCITY,
@@ -39,6 +39,7 @@ from cablepod.condensed._kernels_host_layout import (
     CHORD_ALONG_AXIS,
     CHORD_OUT_OF_RANGE,
     CHORD_REVERSED,
+    CHORD_TENSION,
     CLOCK,
     COUNT,
     DAMPING,
@@ -63,12 +64,16 @@ from cablepod.condensed._kernels_host_layout import (
     LONGEST,
     LOWER,
     MASS,
+    MAX_OMEGA_SQUARED,
     MEAN_VELOCITY,
     MEANS,
+    MIN_FORCE,
+    MIN_FORCE_STEP,
     MOMENTS,
     MONITOR,
     NO_EQUILIBRIUM,
     NORMS,
+    OMEGA_SQUARED_LIMIT,
     PATTERNS,
     RANK,
     RATES,
@@ -85,19 +90,12 @@ from cablepod.condensed._kernels_host_layout import (
     STIFFNESS,
     TIME,
     UNDAMPED,
+    UNSTABLE_STEP,
     VELOCITY,
     VELOCITY_SLOPE,
-    Q,
-)
-from cablepod.condensed._kernels_layout import (
-    CHORD_TENSION,
-    MAX_OMEGA_SQUARED,
-    MIN_FORCE,
-    MIN_FORCE_STEP,
-    OMEGA_SQUARED_LIMIT,
-    UNSTABLE_STEP,
     Bounds,
     LeadingTerms,
+    Q,
     Sizes,
 )
 from cablepod.condensed._kernels_recorder import _monitor_step
@@ -213,7 +211,7 @@ def _end_force(coefficients, row, q, f, chord_tension, axes, force):
     Parameters
     ----------
     coefficients, row
-        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; boundary data of the instant.
+        See :class:`cablepod.condensed._kernels_layout.HostCoefficients`; boundary data of the instant.
     q, f
         Coordinates and undamped accelerations (r,).
     chord_tension
@@ -337,7 +335,7 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     Parameters
     ----------
     coefficients, accepted
-        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; state before the step (rows, columns).
+        See :class:`cablepod.condensed._kernels_layout.HostCoefficients`; state before the step (rows, columns).
     trial
         State after the step; filled, a function of the arguments alone.  Row END_FORCE holds the force on the end [N], row Q
         the coordinates, entry ``[CLOCK, TIME]`` the time [s].
@@ -352,7 +350,7 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     Returns
     -------
     int
-        DONE, or the reason why `trial` is not to be accepted, one of :mod:`cablepod.condensed._kernels_host_layout`.
+        DONE, or the reason why `trial` is not to be accepted, one of :mod:`cablepod.condensed._kernels_layout`.
     """
     status = _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step)
     if status != DONE:
@@ -378,7 +376,7 @@ def end_forces(coefficients, q, boundary_data, ends, f, axes, tension, force):
     Parameters
     ----------
     coefficients
-        See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`; the lower end is that of `ends`.
+        See :class:`cablepod.condensed._kernels_layout.HostCoefficients`; the lower end is that of `ends`.
     q, boundary_data
         Coordinates (times, r); rows of :func:`cablepod.condensed._frame.chord_and_loads` at the same instants.
     ends

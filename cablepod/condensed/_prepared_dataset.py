@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import floats
 from cablepod.condensed._host import vector
-from cablepod.condensed._kernels_host_layout import HostCoefficients
+from cablepod.condensed._kernels_layout import HostCoefficients
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, VARIABLES, label
 from cablepod.errors import scene_error

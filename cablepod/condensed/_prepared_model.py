@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.catenary._end_stiffness import static_stiffness
-from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed import _kernels_layout as layout
 from cablepod.condensed._fields import close_chord_of, link_tensions, positions_of
 from cablepod.condensed._host import (
     air_of_host,
@@ -20,8 +20,7 @@ from cablepod.condensed._host import (
     refusal,
     vector,
 )
-from cablepod.condensed._kernels_host_layout import HostCoefficients
-from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
+from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, HostCoefficients
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import ROUNDING, check_coefficients, checked_state, dataset_of
 from cablepod.condensed._prepared_run import OUTPUTS, PreparedRun, run

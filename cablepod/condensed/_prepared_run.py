@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed import _kernels_layout as layout
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
 from cablepod.condensed._fields import (
@@ -18,8 +18,7 @@ from cablepod.condensed._fields import (
     positions_of,
     selected_tensions,
 )
-from cablepod.condensed._kernels_host_layout import HostCoefficients
-from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
+from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, HostCoefficients
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import padded
 from cablepod.condensed._runs import SCHEMES, CondensedRun, initial_state

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from host_scenes import GUY, SCENES, prepared
 
-from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed import _kernels_layout as layout
 from cablepod.discretisation._chord_frame import ChordFrame
 
 
