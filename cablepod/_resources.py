@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 LOOK_EVERY = 0.1
 
 
+#: Arrays of a run at its peak over those of its positions: saved states, what they are put in order for, and the output; 4 to 6
+#: for positions, 7 to 12 with velocities, tensions and the runs that an estimate compares.
+ARRAYS_OF_RUN = 8
+
+
 def check_memory(instants: int, links: int, dims: int, *, key: str, variables: int = 1) -> None:
     """Refuse output that needs more than half of the memory.
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from cablepod._resources import check_memory
+from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.chain import _implicit as implicit
 from cablepod.chain._air import ChainAir
 from cablepod.chain._attached import attached_forces
@@ -92,7 +92,7 @@ def prepare(
     chain = chain_of(p, request.links, request.law)
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"
-    check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
+    check_memory(instants.size, chain.links, p.dims, key=key, variables=ARRAYS_OF_RUN)
     check_count(p, key.partition(" and ")[0], chain.links)
     cable_air = air_of(p, float(instants[-1]), request.wind)
     air = None if cable_air is None else ChainAir(chain, cable_air)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._resources import check_memory
+from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.batch._computed import computed_variable
 from cablepod.batch._members import Rows, RunChunk, run_members
 from cablepod.batch._stack import Variables, to_dataset
@@ -137,7 +137,7 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
     if request.scheme not in (None, SCHEMES[0]) or outputs - BATCHED_OUTPUTS:
         return None
     times = members[0].times() if request.times is None else request.times
-    check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=3)
+    check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=ARRAYS_OF_RUN)
     instants = OutputTimes.of(times, 1.0 / step)
     if instants.needs_interpolation or instants.steps.size != times.size:
         return None

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from cablepod._resources import check_memory
+from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.batch._members import Rows
 from cablepod.batch._stack import Variables
 from cablepod.condensed._batch import MemberCoefficients, MembersPlan
@@ -68,7 +68,7 @@ def plan_fitted(
     times = members[0].times() if request.times is None else request.times
     if not times[-1] > 0.0:
         return None
-    check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=3)
+    check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=ARRAYS_OF_RUN)
     end_time = members[0].duration or 0.0
     return FittedBatchPlan(
         modes, unit, members, outputs, request.links, end_time, request.window, times, request.scheme is None

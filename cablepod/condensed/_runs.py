@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import xarray as xr
 
-from cablepod._resources import check_memory
+from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.condensed._air import CondensedAir, with_loads_of_air
 from cablepod.condensed._estimate import MAX_SAMPLES, estimate, motion_of, sample_interval
 from cablepod.condensed._fields import CondensedTrajectory, close_outputs, positions
@@ -93,7 +93,7 @@ def solve(
     """
     p = model.chain.p
     times = request.instants(p)
-    check_memory(times.size, model.chain.links, p.dims, key="times", variables=3)
+    check_memory(times.size, model.chain.links, p.dims, key="times", variables=ARRAYS_OF_RUN)
     cable_air = air_of(p, float(times[-1]), request.wind)
     air = None if cable_air is None else CondensedAir(model, cable_air, float(times[-1]))
     if air is not None and not model.is_uniform:

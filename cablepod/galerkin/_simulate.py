@@ -9,7 +9,7 @@ from typing import Any
 import xarray as xr
 
 from cablepod._inputs import FIELD_MODES, taken
-from cablepod._resources import check_memory
+from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, law_of
@@ -164,7 +164,7 @@ def simulate(
     warn_of_unusual(p)
     model = model_of(p, modes, rank=rank, law=law)
     instants = request.instants(p)
-    check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
+    check_memory(instants.size, model.chain.links, p.dims, key="times", variables=ARRAYS_OF_RUN)
     squared = model.initial_vibrations[0][-1]
     # few modes may have no stiffness at the start, but they are never stiffer than the chain
     limit = verlet_step_limit(math.sqrt(squared)) if squared > 0.0 else model.chain.step_limit()

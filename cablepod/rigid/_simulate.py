@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._resources import check_memory
+from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.conventions import STILL_AIR
 from cablepod.discretisation._chain import LumpedChain, chain_of
@@ -168,9 +168,10 @@ def simulate(
     chain = _chain(p, links)
     instants = request.instants(p)
     end_time = float(instants[-1])
+    key = "links" if links is not None else "chain.links and times"
     check_memory(
-        instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
-    )
+        instants.size, chain.links, p.dims, key=key, variables=2 * ARRAYS_OF_RUN
+    )  # states have velocities and forces
     check_ends(chain, end_time)
     warn_of_velocity_jump(p)
     title = str(scene.attrs.get("title", "scene"))
