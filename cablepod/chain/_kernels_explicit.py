@@ -44,10 +44,9 @@ from cablepod.chain._kernels_layout import (
 )
 from cablepod.chain._kernels_terms import (
     _add_tension_damping,
-    _elastic_forces,
     _extremes,
     _green_extremes,
-    _green_forces,
+    _link_forces,
     _load_increments,
     _predict_velocities,
     _viscous_forces,
@@ -96,10 +95,8 @@ def _steps(s, spatial, shared, damping_factor, rates, attached, loads, ends, fir
                 s[ends.rows[m] + UX, ends.columns[m]] = rates.ends[m, i]
         if rates is not None and rates.viscosity > 0.0:
             _viscous_forces(s, links, rates.viscosity, spatial)
-        elif shared.green:
-            _green_forces(s, links, spatial)
         else:
-            _elastic_forces(s, links, spatial)
+            _link_forces(s, links, shared.green, spatial)
         if shared.extremes and shared.green:
             _green_extremes(s, links, spatial)
         elif shared.extremes:

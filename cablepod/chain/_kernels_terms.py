@@ -41,36 +41,27 @@ from cablepod.discretisation._kernels_laws import green_secant, linear_secant, t
 
 
 @compiled(inline="always")
-def _elastic_forces(s, links, spatial):
-    """Compute forces of the links by the linear law [N]; 0 for slack links."""
-    for j in range(links):
-        dx = s[X, j + 1] - s[X, j]
-        dy = s[Y, j + 1] - s[Y, j]
-        square = dx * dx + dy * dy
-        if spatial is not None:
-            dz = s[Z, j + 1] - s[Z, j]
-            square += dz * dz
-        elastic = linear_secant(s[LENGTH, j] / math.sqrt(square), s[STIFFNESS, j])
-        secant = taut_secant(elastic, elastic)
-        s[FX, j + 1] = secant * dx
-        s[FY, j + 1] = secant * dy
-        if spatial is not None:
-            s[FZ, j + 1] = secant * dz
+def _link(s, j, spatial):
+    """Return the vector of a link, 0 along z in the plane, and its squared length."""
+    dx, dy, dz = s[X, j + 1] - s[X, j], s[Y, j + 1] - s[Y, j], 0.0
+    square = dx * dx + dy * dy
+    if spatial is not None:
+        dz = s[Z, j + 1] - s[Z, j]
+        square += dz * dz
+    return dx, dy, dz, square
 
 
 @compiled(inline="always")
-def _green_forces(s, links, spatial):
-    """Compute forces of the links by law (21) [N]."""
+def _link_forces(s, links, green, spatial):
+    """Compute forces of the links [N]: by law (21), or by the linear law, 0 for slack links."""
     for j in range(links):
-        dx = s[X, j + 1] - s[X, j]
-        dy = s[Y, j + 1] - s[Y, j]
-        square = dx * dx + dy * dy
-        if spatial is not None:
-            dz = s[Z, j + 1] - s[Z, j]
-            square += dz * dz
-        secant = green_secant(square * s[INVERSE, j], s[STIFFNESS, j])
-        s[FX, j + 1] = secant * dx
-        s[FY, j + 1] = secant * dy
+        dx, dy, dz, square = _link(s, j, spatial)
+        if green:
+            secant = green_secant(square * s[INVERSE, j], s[STIFFNESS, j])
+        else:
+            elastic = linear_secant(s[LENGTH, j] / math.sqrt(square), s[STIFFNESS, j])
+            secant = taut_secant(elastic, elastic)
+        s[FX, j + 1], s[FY, j + 1] = secant * dx, secant * dy
         if spatial is not None:
             s[FZ, j + 1] = secant * dz
 
@@ -79,18 +70,13 @@ def _green_forces(s, links, spatial):
 def _viscous_forces(s, links, viscosity, spatial):
     """Compute forces of viscous links from the predicted velocities [N]; 0 for slack links."""
     for j in range(links):
-        dx = s[X, j + 1] - s[X, j]
-        dy = s[Y, j + 1] - s[Y, j]
-        square = dx * dx + dy * dy
-        stretching = dx * (s[UX, j + 1] - s[UX, j]) + dy * (s[UY, j + 1] - s[UY, j])
+        dx, dy, dz, square = _link(s, j, spatial)
+        rate = dx * (s[UX, j + 1] - s[UX, j]) + dy * (s[UY, j + 1] - s[UY, j])
         if spatial is not None:
-            dz = s[Z, j + 1] - s[Z, j]
-            square += dz * dz
-            stretching += dz * (s[UZ, j + 1] - s[UZ, j])
+            rate += dz * (s[UZ, j + 1] - s[UZ, j])
         elastic = linear_secant(s[LENGTH, j] / math.sqrt(square), s[STIFFNESS, j])
-        secant = taut_secant(elastic, viscous_secant(elastic, stretching, square, viscosity * s[STIFFNESS, j]))
-        s[FX, j + 1] = secant * dx
-        s[FY, j + 1] = secant * dy
+        secant = taut_secant(elastic, viscous_secant(elastic, rate, square, viscosity * s[STIFFNESS, j]))
+        s[FX, j + 1], s[FY, j + 1] = secant * dx, secant * dy
         if spatial is not None:
             s[FZ, j + 1] = secant * dz
 
@@ -99,13 +85,9 @@ def _viscous_forces(s, links, viscosity, spatial):
 def _add_tension_damping(s, links, tension_damping, spatial):
     """Add the damping forces by the tension T [N], tension_damping T / |R| times the difference of the predicted velocities."""
     for j in range(links):
-        dx = s[X, j + 1] - s[X, j]
-        dy = s[Y, j + 1] - s[Y, j]
-        square = dx * dx + dy * dy
+        dx, dy, dz, square = _link(s, j, spatial)
         along = s[FX, j + 1] * dx + s[FY, j + 1] * dy
         if spatial is not None:
-            dz = s[Z, j + 1] - s[Z, j]
-            square += dz * dz
             along += s[FZ, j + 1] * dz
         damping = tension_damping * along / square if along > 0.0 else 0.0
         s[FX, j + 1] += damping * (s[UX, j + 1] - s[UX, j])
@@ -160,12 +142,7 @@ def _extremes(s, links, spatial):
 def _green_extremes(s, links, spatial):
     """Update the extremes of T |T| by law (21), from the stretch, as the norm of a force has no sign."""
     for j in range(links):
-        dx = s[X, j + 1] - s[X, j]
-        dy = s[Y, j + 1] - s[Y, j]
-        square = dx * dx + dy * dy
-        if spatial is not None:
-            dz = s[Z, j + 1] - s[Z, j]
-            square += dz * dz
+        _, _, _, square = _link(s, j, spatial)
         secant = green_secant(square * s[INVERSE, j], s[STIFFNESS, j])
         signed_tension_square = secant * abs(secant) * square
         s[LOW, j] = min(s[LOW, j], signed_tension_square)
