@@ -85,6 +85,21 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     return markdown_table(head, lines)
 
 
+def markdown_of_first_page(rows: list[dict[str, Any]]) -> str:
+    """Write the kernel times and ratios at the largest error level, for the README of the repository."""
+    head = ("scene", "full model, kernel", "reduced model, kernel", "kernels, full / reduced", "calls, full / reduced")
+    lines = [
+        [
+            TITLES[row["scene"]],
+            *(f"{short(1e3 * float(row['best'][family]['kernel_time']))} ms" for family in ("full", "reduced")),
+            *(f"{row[key]:.3g}" for key in ("ratio", "call_ratio")),
+        ]
+        for row in rows
+        if row["level"] == max(LEVELS) and not np.isnan(row["ratio"])
+    ]
+    return markdown_table(head, lines)
+
+
 def _setting_and_times(of: xr.Dataset) -> list[str]:
     name = f"{of['name'].values!s}, {float(of['step']):.3g} s"
     return [name, f"{short(1e3 * float(of['kernel_time']))}, {short(1e3 * float(of['call_time']))} ms"]

@@ -36,7 +36,7 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from _study import ONE_THREAD, command_line, publish
+from _study import ONE_THREAD, command_line, publish, update_tables
 
 os.environ.update(ONE_THREAD)
 
@@ -52,7 +52,7 @@ from tqdm import tqdm
 import cablepod as cp
 from cablepod.conventions import label
 from cablepod.integrate._output_times import preferred_steps_per_second
-from error_vs_runtime.figure import LEVELS, draw, markdown
+from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_of_first_page
 from error_vs_runtime.models import (
     ELEMENTS,
     EXAMPLES,
@@ -332,6 +332,8 @@ def main() -> None:
         page=HERE if options.readme else None,
         tables={"models": text},
     )
+    if options.readme:
+        update_tables(HERE.parents[1] / "README.md", {"fronts": markdown_of_first_page(rows)})
     print(fronts_as_text(result))
     print(text)
     before, after = (result.attrs[f"load_average_{when}"] for when in ("before", "after"))
