@@ -12,6 +12,7 @@ from cablepod.condensed._attached import chordwise_motion, place_of
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._damped_vibrations import damped_vibrations
+from cablepod.discretisation._formulas import green_tangent
 from cablepod.pod._label import fix_sign
 from cablepod.wind._air import mean_air_of
 
@@ -48,7 +49,8 @@ def tangents_at_rest(chain: LumpedChain) -> list[RestTangent]:
     along = direction @ frame.along[0]
     # strain energy by chordwise stretch and slope: secant times the projection normal to the link, plus tangent along it
     secant = tension / stretch
-    tangent = chain.axial_stiffness * (1.5 * stretch * stretch - 0.5 if chain.green else np.ones(chain.links))
+    k = chain.axial_stiffness
+    tangent = green_tangent(stretch * stretch, k) if chain.green else k * np.ones(chain.links)
     chordwise = secant + (tangent - secant) * along * along
     compliance = float((chain.length / chordwise).sum())
     result = []

@@ -15,6 +15,11 @@ def green_secant(squared_stretch: Any, stiffness: Any) -> Any:
     return 0.5 * stiffness * (squared_stretch - 1.0)
 
 
+def green_tangent(squared_stretch: Any, stiffness: Any) -> Any:
+    """Return dT/dxi of law "green" from the squared stretch, in the units of `stiffness`."""
+    return stiffness * (1.5 * squared_stretch - 0.5)
+
+
 def viscous_secant(elastic: Any, rate: Any, square: Any, damping: Any) -> Any:
     """Return T / xi with viscosity, from that without.
 

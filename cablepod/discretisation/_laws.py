@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.discretisation._formulas import green_secant, linear_secant, viscous_secant
+from cablepod.discretisation._formulas import green_secant, green_tangent, linear_secant, viscous_secant
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice
 
@@ -63,7 +63,7 @@ def taut_secant(
 
 def tangent_stiffness_ratio(squared_stretch: Any) -> Any:
     """Return max(1, (3 xi^2 - 1) / 2), (dT/dxi) / K of law "green"; a compressed link returns through xi = 1."""
-    return np.maximum(1.0, 1.5 * squared_stretch - 0.5)
+    return np.maximum(1.0, green_tangent(squared_stretch, 1.0))
 
 
 def strain_energy_density(stretch: np.ndarray, *, green: bool) -> np.ndarray:
