@@ -9,7 +9,7 @@ from cablepod import provenance
 from cablepod._inputs import MOTION, floats, taken
 from cablepod.conventions import label
 from cablepod.discretisation._interpolation import at_places
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, scene_error, shown
 from cablepod.integrate._comparison import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -39,7 +39,8 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    If the run or the reference has the dimension ``member``, the errors have it too.
+    If the run or the reference has the dimension ``member``, the errors have it too, with its coordinates.  Members of both are
+    paired by their labels.
 
     Examples
     --------
@@ -100,6 +101,13 @@ def _check_instants(times: np.ndarray, reference: np.ndarray) -> None:
 
 def _member_errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     """Return the errors of all members along ``member``."""
+    own, of_truth = (dataset.indexes.get("member") for dataset in (run, truth))
+    if own is not None and of_truth is not None and own.size == of_truth.size and not own.equals(of_truth):
+        if not (own.is_unique and of_truth.is_unique and own.isin(of_truth).all()):
+            raise SceneError(
+                f"run: given the members {shown(list(own))}; allowed: those of the truth, {shown(list(of_truth))}"
+            )
+        truth = truth.isel(member=of_truth.get_indexer(own))
     count = max(run.sizes.get("member", 1), truth.sizes.get("member", 1))
 
     def select(dataset: xr.Dataset, i: int) -> xr.Dataset:
@@ -114,4 +122,6 @@ def _member_errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         results = [errors(select(run, i), select(truth, i)) for i in range(count)]
     joined = xr.concat(results, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
     joined.attrs = dict(results[0].attrs)
+    of_members = run if "member" in run.dims else truth
+    joined = joined.assign_coords({name: item for name, item in of_members.coords.items() if item.dims == ("member",)})
     return provenance.record(joined, function="compare.errors", parameters={"members": count}, inputs=[run, truth])

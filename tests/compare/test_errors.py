@@ -80,3 +80,15 @@ def test_members_are_compared_one_by_one(soft):
     assert result.error.dims == ("member", "time")
     for i, (a, b) in enumerate(runs):
         np.testing.assert_array_equal(result.error[i], cp.compare.errors(a, b).error)
+
+
+def test_members_are_paired_by_their_labels(soft):
+    members = cp.ensemble.design(
+        cp.make_scene(soft), {"cable.top_tension": [200, 240, 280]}, members=3, sampling="list"
+    )
+    run = cp.chain.simulate(members, step=1e-3, times=[0.0, 1.0])
+    result = cp.compare.errors(run, run.isel(member=[2, 0, 1]))
+    assert not result.error.any()
+    assert np.array_equal(result.cable_top_tension, run.cable_top_tension)
+    with pytest.raises(cp.SceneError, match=r"^run: given the members \[1, 2\]; allowed: those of the truth, \[0, 1\]"):
+        cp.compare.errors(run.isel(member=[1, 2]), run.isel(member=[0, 1]))
