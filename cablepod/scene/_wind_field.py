@@ -28,6 +28,8 @@ GROUND_POINTS = 401
 #: Largest interval of a field over the median one.
 MAX_GAP = 10.0
 WHAT = "record, a netCDF file with wind (time, point, component)"
+#: Units of the variables of a field.
+UNITS_OF_FIELD = {"time": "s", "wind": "m s-1", "mean_wind": "m s-1", "position": "m"}
 
 
 def read_wind_record(path: Path, expected: str | None) -> dict[str, str]:
@@ -102,6 +104,8 @@ def checked_field(
     _check_variables(key, given, ("wind", "time", "point", "component"), "a field, such as that of wind.field")
     _check_numbers(key, given, "time", ("time",))
     _check_numbers(key, given, "wind", ("time", "point", "component"))
+    for name, units in UNITS_OF_FIELD.items():
+        _check_units(key, given, name, units)
     if given.variables["component"].dims != ("component",):
         raise SceneError(f"{key}: given component over {given['component'].dims}; allowed: the axes over component")
     given = by_axes(given)
@@ -225,16 +229,13 @@ def _field(path: str, sha256: str) -> xr.Dataset:
         raise SceneError(
             f"{RECORD}: {named(path)} is no netCDF file, or damaged ({error}); allowed: a {WHAT}"
         ) from None
-    _check_units(path, field, "time", "s")
-    for name, units in (("wind", "m s-1"), ("mean_wind", "m s-1"), ("position", "m")):
-        _check_units(path, field, name, units)
     return field
 
 
-def _check_units(path: str, field: xr.Dataset, name: str, units: str) -> None:
+def _check_units(key: str, field: xr.Dataset, name: str, units: str) -> None:
     """Refuse a variable in other units than SI; one without units is taken as it is."""
     if name not in field.variables or "units" not in field[name].attrs:
         return
     given = str(field[name].attrs["units"]).partition(" since ")[0].replace("seconds", "s")
     if powers(given) != powers(units):
-        raise SceneError(f"{RECORD}: {named(path)}: {name}: given units {given!r}; allowed: {units}")
+        raise SceneError(f"{key}: {name}: given units {given!r}; allowed: {units}")
