@@ -159,7 +159,9 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
         time = np.arange(len(velocity)) * INTERVAL
     else:
         rate, interval = (RAMP_SAMPLES / ramp, ramp / PARTS_OF_RAMP) if ramp else (1.0, math.inf)
-        time = np.arange(RAMP_SAMPLES + 1 if ramp else 2) / rate
+        time = (
+            np.arange(RAMP_SAMPLES + 2 if ramp else 2) / rate
+        )  # the last two equal, as the wind is steady from there on
         velocity = np.repeat(mean[None], time.size, axis=0)
     if ramp:
         velocity = velocity * smooth_step(np.asarray(time / ramp, dtype=float))[:, None, None]

@@ -347,3 +347,18 @@ def test_the_host_of_the_page_runs():
     turns = np.flatnonzero(np.diff(np.sign(displacement - displacement.mean())) > 0)
     period = float(np.diff(times[turns]).mean())
     assert period == pytest.approx(names["expected_period"], rel=0.02)
+
+
+def test_a_steady_wind_does_not_end_with_its_ramp():
+    tables = {
+        "cable": {"axial_stiffness": 2e7, "mass_per_length": 1.0, "top_tension": 15e3, "diameter": 0.016},
+        "ends": {"lower": [0.0, 0.0], "upper": [20.0, 50.0]},
+        "wind": {"speed": 25.0, "direction": [1.0, 0.0], "ramp": 0.2},
+        "chain": {"links": 20},
+        "damping": {"mass_proportional": 0.5},
+    }
+    scene = cp.make_scene(tables)
+    guy = cp.condensed.prepare(scene, cp.condensed.vibration_modes(scene, rank=2, static_modes=True))
+    for _ in range(400):
+        guy.step(guy.end_position, [0.0, 0.0], 1e-3)
+    assert guy.time == pytest.approx(0.4)
