@@ -86,7 +86,7 @@ class VelocityJumpWarning(UserWarning):
 
 
 class CoarseWarning(UserWarning):
-    """Links or elements are likely too few for the motion; the message names how many are likely needed."""
+    """Links, elements or instants are likely too few for the motion; the message names how many are likely needed."""
 
 
 class OutOfRangeWarning(UserWarning):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import xarray as xr
 
 from cablepod import fatigue
+from cablepod.fatigue._cut_cycles import warn_of_cut_cycles
 from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
 
 
@@ -27,6 +28,7 @@ def guy_fatigue(motion: xr.Dataset, window: Sequence[float] | None = None) -> xr
         tension = tension.sel(time=slice(*window))
     if tension.sizes["time"] < 2:
         return None
+    warn_of_cut_cycles(tension, EXPONENT, "the fatigue range")
     return fatigue.equivalent(tension, exponent=EXPONENT, frequency=FREQUENCY).assign_attrs(
         units="N", long_name=f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second"
     )
