@@ -16,7 +16,7 @@ from cablepod.chain._scheme import ChainRequest, prepare, solve
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of, square
 from cablepod.discretisation._laws import LAWS, check_law
-from cablepod.integrate._coarse import warn_of_few_links
+from cablepod.integrate._coarse import warn_of_coarse_gusts, warn_of_few_links
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
@@ -192,8 +192,8 @@ def simulate(
         If no step meets the tolerance, as in chaotic scenes, and if a given step leads to excessive strain energy or does not
         resolve the motion of the ends or the loads.
     CoarseWarning
-        If the links are so few for each half wave that is driven, for the phase of free vibrations, or for the sag, that an error
-        of more than 1 % of the motion is likely, and "error_estimate" is not among the outputs.
+        If the links are so few for each half wave that is driven, for the phase of free vibrations, for the sag, or for gusts,
+        that an error of more than 1 % of the motion is likely, and "error_estimate" is not among the outputs.
     VelocityJumpWarning
         If an end starts from rest with a nonzero speed, whose wave exceeds 0.1 % of the tension at rest; see the key ``ramp`` of
         motions.
@@ -241,6 +241,7 @@ def simulate(
     warn_of_velocity_jump(p)
     if "error_estimate" not in request.outputs:  # which tells it
         warn_of_few_links(p, ready.run.chain.links, float(ready.run.times[-1]))
+        warn_of_coarse_gusts(ready.run.air, ready.run.chain.links)
     solution = solve(ready, request)
     run = solution.run
     return request.record(

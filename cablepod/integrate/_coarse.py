@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,8 @@ FREE_PART, RESONANCE = 0.5, 0.05
 NODES_PER_HALF_WAVE = 4.0
 #: Error without a warning, as a fraction of the motion.
 LIKELY = 0.01
+#: Maximum error without a warning of the load by gusts on the first vibration; the motion errs by 1.3 to 1.7 times as much.
+GUSTS = 0.03
 #: Error from which links do not resolve the motion.
 LARGE = 0.1
 #: Rms over the cable of a parabolic deflection of height 1, and of a deflection that falls linearly from 1 at one end.
@@ -87,6 +89,17 @@ def warn_of_few_links(p: Parameters, links: int, end_time: float, *, prefix: str
         equal = math.floor(float(np.sum(p.link_lengths) / np.max(p.link_lengths)) + 1e-9)
     if equal < driven.links:
         _warn(f"{prefix}links: given {links}", driven.reason(equal), f"links={math.ceil(driven.links)}")
+
+
+def warn_of_coarse_gusts(air: Any, links: int) -> None:
+    """Warn if particles in gusts are so far apart that the load errs by more than GUSTS; `air` along a chain, None for still."""
+    if air is None or not air.interval < math.inf or inside_members():
+        return
+    error = air.sampling_error
+    if error > GUSTS:
+        least = air.air.sigma.size - 1
+        why = f"the load of gusts at {least + 1} points on {links + 1} particles errs by {100.0 * error:.2g} %"
+        _warn(f"links: given {links}", why, f"links={least}")
 
 
 def warn_of_few_links_in(members: Members, links: int | None, times: np.ndarray | None) -> None:

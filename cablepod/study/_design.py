@@ -74,7 +74,7 @@ def design(
     level
         Level of the intervals of peaks.
     window
-        Start and end [s] of the part of each storm that counts; all of it by default.
+        Start and end [s] of the part of each storm that counts; all of it by default.  Slack guys are told of in the whole storm.
     overwrite
         Replace another study in the folder.
     progress

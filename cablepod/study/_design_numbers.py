@@ -236,7 +236,7 @@ def with_peaks(result: xr.Dataset, kind: Kind, level: float) -> xr.Dataset:
         result["slack_storms"] = (
             (result[kind.least_force] <= 0.0)
             .sum("storm")
-            .assign_attrs(units="1", long_name="number of storms in which the guy is slack")
+            .assign_attrs(units="1", long_name="number of storms in which the guy is slack, at any time")
         )
     return result
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -327,3 +328,16 @@ def test_instants_between_two_evaluations_change_no_bit(outputs: tuple[str, ...]
     ]
     assert np.array_equal(runs[0].position[-1], runs[1].position[-1])
     assert np.abs(runs[0].position[-1] - runs[0].position[0]).max() > 1e-3
+
+
+def test_few_links_in_gusts_are_told_of():
+    scene = gusty(time={"duration": 20.0, "interval": 0.05}, chain={"links": 20})
+    options = {"tolerance": 1e-2, "outputs": ("position",)}
+    with pytest.warns(cp.CoarseWarning, match=r"links: given 20, .*errs by \d+ %\); try links=\d+") as caught:
+        coarse = cp.chain.simulate(scene, **options)
+    said = str(caught[0].message)
+    told, least = (float(re.search(text, said).group(1)) for text in (r"errs by (\d+) %", r"try links=(\d+)"))
+    fine, enough = (cp.chain.simulate(scene, links=int(factor * least), **options) for factor in (3, 1))  # no warning
+    error = float(cp.compare.errors(coarse, fine).error_max)
+    assert 0.5 * error < told / 100.0 < error  # the motion errs by more than the load
+    assert float(cp.compare.errors(enough, fine).error_max) < 0.1 * error
