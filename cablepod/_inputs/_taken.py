@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from xarray import Dataset
+from xarray.indexes import PandasMultiIndex
 
 from cablepod._inputs._kinds import ALWAYS_READ, ANY, PLACES, Dims, Kind, rule_of
 from cablepod._inputs._labels import label_orders, place_orders
@@ -18,7 +19,7 @@ from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, ORDERED, is_in_memory
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST
-from cablepod.parameters._tables import OF_CABLE, OF_MAST, misspelt
+from cablepod.parameters._tables import OF_CABLE, OF_MAST, misspelt, place_of_variable
 from cablepod.provenance import is_history
 
 #: Compared with ``==``: a type that was unpickled, or has metadata, is another object.
@@ -170,6 +171,14 @@ def _check_names(key: str, scene: xr.Dataset) -> None:
         if isinstance(name, str) and (remedy := misspelt(name, of)):
             allowed = f"the keys of a scene of {of}, with _ for each point"
             raise SceneError(f"{key}: {name}: unknown variable of a scene; allowed: {allowed}; try: {remedy}")
+    index = scene.xindexes.get("member") if "member" in scene.dims else None
+    names = index.index.names if isinstance(index, PandasMultiIndex) else ()
+    levels = [str(name) for name in names if place_of_variable(str(name)) is not None]
+    if levels:
+        raise SceneError(
+            f"{key}: member: given an index of the parameters {', '.join(levels)}; allowed: parameters as variables; "
+            'try: reset_index("member")'
+        )
 
 
 def _is_in_order(key: str, name: Any, variable: xr.Variable, kind: Kind, layout: str | None, *, has_gaps: bool) -> bool:

@@ -28,6 +28,12 @@ def steps_within(window: tuple[float, float], steps_per_second: float) -> tuple[
     return first, last
 
 
+def within(times: np.ndarray, window: tuple[float, float] | None) -> np.ndarray:
+    """Tell which instants [s] lie within a window, whose ends count whatever their rounding."""
+    first, last = (0.0, math.inf) if window is None else window
+    return (times >= first * (1.0 - ROUNDING)) & (times <= last * (1.0 + ROUNDING))
+
+
 def window_attributes(window: tuple[float, float] | None) -> dict[str, float]:
     """Return the attributes of a result about its window [s], none without."""
     return {} if window is None else {"window_start": window[0], "window_end": window[1]}

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import xarray as xr
 
 from cablepod import fatigue
 from cablepod.fatigue._cut_cycles import warn_of_cut_cycles
 from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
+from cablepod.integrate._window import within
 
 
-def guy_fatigue(motion: xr.Dataset, window: Sequence[float] | None = None) -> xr.DataArray | None:
+def guy_fatigue(motion: xr.Dataset, window: tuple[float, float] | None = None) -> xr.DataArray | None:
     """Return the equivalent range of the tension of each guy [N], over a run or its window; None without two instants.
 
     Parameters
@@ -25,7 +24,7 @@ def guy_fatigue(motion: xr.Dataset, window: Sequence[float] | None = None) -> xr
         return None
     tension = motion["guy_tension"]
     if window is not None:
-        tension = tension.sel(time=slice(*window))
+        tension = tension.isel(time=within(tension["time"].values, window))
     if tension.sizes["time"] < 2:
         return None
     warn_of_cut_cycles(tension, EXPONENT, "the fatigue range")

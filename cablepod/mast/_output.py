@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
+from cablepod.integrate._window import within
 from cablepod.mast._beam import Beam
 from cablepod.mast._breaks import times_of_breaks
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
@@ -170,16 +171,14 @@ def _values(
 def _forces(forces: Forces, outputs: tuple[str, ...], moved: np.ndarray, guys: str) -> dict[str, Any]:
     """Return section forces and reactions over time, and their extremes and envelopes over the outputs of the window."""
     run = forces.run
-    first, last = (0.0, np.inf) if run.request.window is None else run.request.window
-    times = run.request.times[: run.completed]
-    within = (times >= first) & (times <= last)
+    counted = within(run.request.times[: run.completed], run.request.window)
     variables = over_time(forces, outputs)
-    if "extremes" in outputs and within.any():
-        of_window = forces.bending_moment[within]
+    if "extremes" in outputs and counted.any():
+        of_window = forces.bending_moment[counted]
         for name, values in (("minimum", of_window.min(axis=0)), ("maximum", of_window.max(axis=0))):
             variables[f"bending_moment_{name}"] = (("node", "coordinate"), spatial(values))
-    if ENVELOPES in outputs and within.any() and not run.status:
-        variables |= envelopes(forces, moved, within, guys)
+    if ENVELOPES in outputs and counted.any() and not run.status:
+        variables |= envelopes(forces, moved, counted, guys)
     return variables
 
 

@@ -15,6 +15,7 @@ from cablepod.condensed import vibration_modes
 from cablepod.conventions import ENDS
 from cablepod.errors import RunStopped, SceneError
 from cablepod.fatigue._cut_cycles import warn_of_cut_cycles
+from cablepod.integrate._window import within
 from cablepod.mast._output import NAMES as MAST_NAMES
 from cablepod.mast._piecewise_guys import kind_in_studies, kind_of_guys, refuse_ratios
 from cablepod.parameters._from_scene import parameters
@@ -129,7 +130,7 @@ class Kind:
         result = result.assign(failure=("member", part["failure"].values.astype(str), FAILURE))
         result = result.drop_vars([name for name in result.coords if "member" in result[name].dims]).load()
         if curve is not None and series is not None:
-            series = series if window is None else series.sel(time=slice(*window))
+            series = series.isel(time=within(series["time"].values, window))
             warn_of_cut_cycles(series.load(), curve[0], "the range, and the damage by its power,")
             stress = series / xr.DataArray(np.array(self.areas(scene), dtype=float), dims=self.line)
             damage = fatigue.damage(

@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod import chain, fatigue
 from cablepod.conventions import ENDS, label
 from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
+from cablepod.integrate._window import within
 from cablepod.parameters._from_scene import parameters
 from cablepod.study._models import recorded
 
@@ -88,7 +89,7 @@ def tension_in_wind(
         dims=("time", "end"),
         name="end_tension",
     )
-    counted = series.sel(time=slice(*window))
+    counted = series.isel(time=within(series["time"].values, window))
     peak = counted["time"].values[counted.values.argmax(axis=0)]
     largest = float(reference["tension_maximum"].max())
     table = xr.Dataset(

@@ -2,10 +2,12 @@
 
 import json
 import time
+import warnings
 
 import numpy as np
 import pytest
 import xarray as xr
+from mast_scenes import small, windy
 
 import cablepod as cp
 from cablepod import provenance
@@ -205,3 +207,19 @@ def test_the_duration_is_in_seconds():
         other = series.assign_coords(time=("time", factor * time, {"units": units}))
         with pytest.raises(cp.SceneError, match=rf"series: given a coordinate time in {units}; allowed: time \[s\]"):
             cp.fatigue.equivalent(other)
+
+
+def test_instants_that_cut_cycles_are_told_of():
+    """Of masts, where every second instant misses a twentieth of the equivalent range; a sine needs nine instants a period."""
+    scene, ranges = small(windy), []
+    for interval in (0.02, 0.2, 1.0):
+        members = cp.ensemble.design(
+            scene.assign(time_duration=40.0, time_interval=interval), {"wind.speed": [18.0, 20.0]}, members=2
+        )
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", cp.CoarseWarning)
+            (batch,) = cp.ensemble.batches(members, model="mast")
+        told = [str(item.message) for item in caught if "cuts cycles" in str(item.message)]
+        ranges.append(float(batch.fatigue_range.max()))
+        assert bool(told) == (interval > 0.1)
+    assert ranges[0] > 1.02 * ranges[1] > 1.2 * ranges[2]

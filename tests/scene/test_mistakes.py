@@ -292,3 +292,17 @@ def test_a_misspelt_table_in_a_table_is_named(wrong, soft):
     wind = {"speed": 10.0, "direction": [1.0, 0.0], wrong: {"spectrum": "kaimal"}}
     with pytest.raises(cp.SceneError, match=rf"^wind\.{wrong}: .*allowed: .*, turbulence; try: wind\.turbulence$"):
         cp.make_scene({**soft, "wind": wind})
+
+
+def test_parameters_as_an_index_of_members_are_refused(soft):
+    members = cp.ensemble.design(
+        cp.make_scene(soft), {"cable.top_tension": [200, 220], "gravity": [9.7, 9.81]}, members=2
+    )
+    given = members.set_index(member=["cable_top_tension", "gravity"])
+    match = r'^scene: member: given an index of the parameters cable_top_tension, gravity; .*; try: reset_index\("member"\)$'
+    for call in (cp.catenary.rest, cp.summary, cp.chain.rest):
+        with pytest.raises(cp.SceneError, match=match):
+            call(given)
+    assert cp.catenary.rest(given.reset_index("member")).position.equals(
+        cp.catenary.rest(members.drop_vars("member", errors="ignore")).position
+    )
