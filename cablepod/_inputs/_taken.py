@@ -217,6 +217,13 @@ def ordered(dims: tuple[Any, ...], own: Dims) -> tuple[Any, ...]:
     return dims if dims == own else (*(dim for dim in dims if dim not in own), *(dim for dim in own if dim in dims))
 
 
+def check_units(key: str, given: Any, units: str) -> None:
+    """Refuse an array with labels in other units; one without units, and what has none, is taken as it is."""
+    own = given.attrs.get("units") if isinstance(given, xr.DataArray) else None
+    if own is not None and powers(str(own)) != powers(units):
+        raise SceneError(f"{key}: given units {str(own)!r}; allowed: {units}")
+
+
 @lru_cache(256)
 def powers(units: str) -> dict[str, int] | None:
     """Return the powers of the units in a text such as "m s-1", "m/s" or "meter / second"; None for any other text."""

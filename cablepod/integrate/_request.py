@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import check_units
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
 from cablepod.integrate._means import wants_means
@@ -32,6 +33,7 @@ MAX_GIVEN_STEPS, MAX_SILENT_STEPS, STEPS_PER_MINUTE = 1e13, 1e9, 6e8
 
 def check_times(times: Any) -> np.ndarray:
     """Return output times as floats [s]; refuse them unless they are finite, rising and not negative."""
+    check_units("times", times, "s")
     try:
         given = np.atleast_1d(np.asarray(times))
         # complex numbers, instants and texts, which numpy would convert

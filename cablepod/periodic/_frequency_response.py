@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import NORMAL_MODES, SCENE, taken
+from cablepod._inputs import NORMAL_MODES, SCENE, check_units, taken
 from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
@@ -154,8 +154,9 @@ def frequency_range(key: str, given: Any) -> tuple[float, float]:
     Raises
     ------
     SceneError
-        If they are no positive finite numbers, or not in order.
+        If they are no positive finite numbers, not in order, or have other units.
     """
+    check_units(key, given, "rad s-1")
     try:
         first, second = given
     except (TypeError, ValueError):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import NORMAL_MODES, SCENE, taken
+from cablepod._inputs import NORMAL_MODES, SCENE, check_units, taken
 from cablepod._resources import check_bytes
 from cablepod.conventions import INTERRUPTED
 from cablepod.errors import scene_error
@@ -123,6 +123,8 @@ def stability_map(
 
 def _grid(key: str, given: Any) -> np.ndarray:
     """Check increasing positive numbers."""
+    if key == "frequency":
+        check_units(key, given, "rad s-1")
     values = given.values if isinstance(given, xr.DataArray) else given
     array = np.array(numbers_list(above=0.0)(key, values))
     if (np.diff(array) <= 0.0).any():

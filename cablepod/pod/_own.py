@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, floats, powers, taken
+from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, check_units, floats, powers, taken
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, is_rising, label, shared_coordinates
 from cablepod.discretisation._chain import chain_of
@@ -286,6 +286,7 @@ def _arc_length(array: xr.DataArray, given: Any, p: Parameters | None, key: str)
         assert p is not None
         return floats(chain_of(p, particles - 1).arc_length.copy())
     allowed = f"{particles} numbers that rise from 0 to the unstretched length [m]"
+    check_units("arc_length", given, "m")
     lengths = _rising("arc_length", given, particles, allowed)
     if abs(lengths[0]) > ROUNDING * lengths[-1]:
         raise scene_error("arc_length", lengths.tolist(), allowed)

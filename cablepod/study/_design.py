@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, mast, provenance
-from cablepod._inputs import taken
+from cablepod._inputs import check_units, taken
 from cablepod.archive._folder import path_of
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.mast._runs import warn_of_late_breaks
@@ -204,6 +204,7 @@ def _axes(scene: xr.Dataset, directions: Any, speeds: Any, storms: Any) -> dict[
 
 def _numbers(key: str, given: Any, what: str, check: Callable[[str, Any], list[float]]) -> np.ndarray:
     """Return numbers that are given, each once."""
+    check_units(key, given, "rad" if key == "directions" else "m s-1")
     values = np.asarray(given).tolist() if isinstance(given, np.ndarray | xr.DataArray) else given
     if not isinstance(values, list | tuple) or not len(values):
         raise scene_error(key, values, f"a list of {what}")

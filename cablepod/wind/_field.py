@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import check_units
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, scene_error
@@ -148,6 +149,7 @@ def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray |
             return mast_points(p)
         sigma, position = rest_points(p)
         return position, None, sigma
+    check_units("points", points, "m")
     given = np.asarray(points).tolist() if _is_array(points) else points
     if not isinstance(given, list | tuple) or not given:
         raise scene_error("points", points, "a list of positions [m]")
