@@ -15,6 +15,7 @@ Tables of a page (the README.md beside a script) stand between two comments, ``<
 from __future__ import annotations
 
 import argparse
+import importlib
 import pkgutil
 import statistics
 import sys
@@ -199,15 +200,19 @@ def wrapped(wrap: Callable[[Callable[..., Any]], Callable[..., Any]], *names: st
     with ExitStack() as stack:
         for name in names:
             function = pkgutil.resolve_name(name)
-            replacement = wrap(function)
+            replacement, importers = wrap(function), _importers(function, name.partition(".")[0])
             stack.enter_context(mock.patch(name, replacement))
-            for module, alias in _importers(function, name.partition(".")[0]):
+            for module, alias in importers:
                 stack.enter_context(mock.patch.object(module, alias, replacement))
         yield
 
 
 def _importers(function: Callable[..., Any], package: str) -> list[tuple[ModuleType, str]]:
-    """List the loaded modules of a package that import a function by name, with that name."""
+    """List the modules of a package that import a function by name, with that name, but for kernels."""
+    root = getattr(importlib.import_module(package), "__path__", [])
+    for found in pkgutil.walk_packages(root, f"{package}."):
+        if "._kernels" not in found.name and not found.name.endswith("__main__"):
+            importlib.import_module(found.name)  # one that is loaded later would keep the replacement
     modules = [
         module
         for name, module in sys.modules.items()

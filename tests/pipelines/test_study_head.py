@@ -12,10 +12,11 @@ from pathlib import Path
 import _study
 import pytest
 from benchmarks import calls
+from children import run_python
 
+from cablepod.chain import _explicit
 from cablepod.examples import scene
 from cablepod.integrate import _march
-from cablepod.integrate import _march as _explicit
 
 PIPELINES = Path(_study.__file__).parent
 SCRIPTS = sorted(
@@ -58,6 +59,24 @@ def test_a_function_imported_by_name_is_seen_too():
         assert _march.advance_in_blocks is not plain
         assert _explicit.advance_in_blocks is _march.advance_in_blocks
     assert _explicit.advance_in_blocks is plain
+
+
+LATER = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import _study
+assert "cablepod.chain._explicit" not in sys.modules
+with _study.time_inside("cablepod.integrate._march.advance_in_blocks"):
+    from cablepod.chain import _explicit
+    seen = _explicit.advance_in_blocks
+from cablepod.integrate import _march
+print(seen is not _march.advance_in_blocks, _explicit.advance_in_blocks is _march.advance_in_blocks)
+"""
+
+
+def test_a_module_that_is_loaded_within_the_block_does_not_keep_the_replacement():
+    done = run_python("-c", LATER, str(Path(_study.__file__).parent), timeout=60.0)
+    assert (done.returncode, done.stdout) == (0, "True True\n"), done.stderr
 
 
 def names_that_studies_watch() -> set[str]:
