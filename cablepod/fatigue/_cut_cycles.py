@@ -8,8 +8,9 @@ import xarray as xr
 from cablepod.errors import CoarseWarning, warn
 from cablepod.fatigue._cycles import _damage_sums
 
-#: Maximum part of the equivalent range that half of the instants may miss: the damage by an exponent of 4 then lacks a fifth.
-MAX_LOSS = 0.05
+#: Maximum part of the equivalent range that half of the instants may miss: a shipped mast misses 6.5 % so, and 3 % at all
+#: instants; the damage by an exponent of 4 lacks four times as much.
+MAX_LOSS = 0.08
 #: Minimum number of instants from which this is asked.
 MIN_INSTANTS = 32
 
@@ -17,7 +18,7 @@ MIN_INSTANTS = 32
 def warn_of_cut_cycles(series: xr.DataArray, exponent: float, of: str) -> None:
     """Warn where instants are so far apart that rainflow cycles lose their peaks.
 
-    What every second instant misses of the equivalent range is about what all instants miss of that of the whole motion.
+    What every second instant misses of the equivalent range is one to two times what all instants miss of that of the motion.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def warn_of_cut_cycles(series: xr.DataArray, exponent: float, of: str) -> None:
         interval = float(series["time"].values[1] - series["time"].values[0])
         warn(
             f"time.interval: {interval:g} s cuts cycles: at every second instant the equivalent range of a tension falls by "
-            f"{100.0 * largest:.2g} %, so that {of} is likely too low by as much at these instants; try: time.interval = "
+            f"{100.0 * largest:.2g} %, so that {of} is likely too low by half of that or more; try: time.interval = "
             f"{0.25 * interval:.2g} s",
             CoarseWarning,
         )

@@ -210,7 +210,7 @@ def test_the_duration_is_in_seconds():
 
 
 def test_instants_that_cut_cycles_are_told_of():
-    """Of masts, where every second instant misses a twentieth of the equivalent range; a sine needs nine instants a period."""
+    """Of masts, where every second instant misses more than 8 % of the equivalent range."""
     scene, ranges = small(windy), []
     for interval in (0.02, 0.2, 1.0):
         members = cp.ensemble.design(
