@@ -164,15 +164,16 @@ class LinkSlopes:
         `error` are errors at the enriched coordinates q (members, R), the first `in_plane` of them in plane; 0 without a finite
         error.
         """
+        square = (error * error).sum(axis=1)
+        is_finite = (square > 0.0) & (square < math.inf)
+        error = np.where(is_finite[:, None], error, 0.0)
         stretch = np.zeros((len(q), self.slopes.shape[2]))
         for which in (slice(in_plane), slice(in_plane, None)):
             moved, wrong = ((part[:, None, which] @ self.slopes[:, which])[:, 0] for part in (q, error))
             stretch -= moved * wrong
         along, place = np.cumsum(stretch * self.length, axis=1), np.cumsum(self.length, axis=-1)
         along -= place / place[..., -1:] * along[:, -1:]
-        square = (error * error).sum(axis=1)
-        share = (self.mass[..., 1:] * along**2).sum(axis=1) / square
-        return np.where((square > 0.0) & (square < math.inf), share, 0.0)
+        return (self.mass[..., 1:] * along**2).sum(axis=1) / np.where(is_finite, square, 1.0)
 
 
 def mean_squares(
@@ -195,10 +196,8 @@ def mean_squares(
         Masses of the cables, a number or (members, 1) [kg]: bounds of sums of squares over means over the length.
     motion, rows
         Coordinates of the motions, rates and accelerations (members, samples, r), and their boundary data.
-    interval
-        Interval of the samples [s].
-    errors, error_rates
-        Errors at the start, and their rates (members, R).
+    interval, errors, error_rates
+        As in :func:`grown_errors`.
 
     Returns
     -------

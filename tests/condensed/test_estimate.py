@@ -253,3 +253,17 @@ def test_it_counts_damping_by_ratios(order):
     error = error_of(run, cp.chain.simulate(scene, outputs=("position",)))
     assert error > 0.02
     assert 0.8 * error < run.attrs["error_estimate"] < 2.0 * error
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning")
+def test_a_still_cable_without_weight_has_no_error_and_no_warning():
+    tables = {
+        "gravity": 0.0,
+        "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0},
+        "ends": {"lower": [0.0, 0.0], "upper": [60.0, 80.0]},
+        "time": {"duration": 2.0, "interval": 0.5},
+        "chain": {"links": 20},
+    }
+    scene = cp.make_scene(tables)
+    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=2), outputs=("error_estimate",))
+    assert run.attrs["error_estimate"] == 0.0
