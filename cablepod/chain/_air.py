@@ -17,8 +17,10 @@ from cablepod.wind._drag import TENSION_MARGIN, drag_rate, drag_step_limit, long
 MAX_HOLD = 16
 #: Maximum time of these steps over the shortest transverse period at the start: a fifth of it for a tension twice as large.
 HOLD_OVER_PERIOD = 0.14
-#: Minimum number of samples of gusts, and number of points along the cable, from which the error by their sampling is taken.
+#: Maximum number of samples of gusts, and number of points along the cable, from which the error by their sampling is taken.
 SAMPLES_OF_GUSTS, FINE_POINTS = 256, 1001
+#: Squares of gusts over those of the velocity below which they are rounding.
+ROUNDING = 1e-20
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +64,15 @@ class ChainAir:
 
         Particles between the points of a field miss some gusts and take others for more of the cable than they act on.
         """
-        some = self.air.velocity[:: -(-len(self.air.velocity) // SAMPLES_OF_GUSTS)]
+        velocity = self.air.velocity[len(self.air.velocity) // 2 :]  # after a ramp
+        some = velocity[:: -(-len(velocity) // SAMPLES_OF_GUSTS)]
         loads = []
         for places in (np.linspace(0.0, 1.0, FINE_POINTS), self.chain.arc_length / self.chain.total_length):
-            gusts = linear_between(self.air.sigma, some - self.air.mean, places)
+            gusts = linear_between(self.air.sigma, some - some.mean(axis=0), places)
             loads.append(np.trapezoid(gusts * np.sin(math.pi * places)[:, None], places, axis=1))
         size = float((loads[0] ** 2).sum())
-        return math.sqrt(float(((loads[1] - loads[0]) ** 2).sum()) / size) if size > 0.0 else 0.0
+        is_rounding = size <= ROUNDING * float((some * some).sum())
+        return 0.0 if is_rounding else math.sqrt(float(((loads[1] - loads[0]) ** 2).sum()) / size)
 
     @property
     def samples_per_second(self) -> float:

@@ -28,7 +28,7 @@ FREE_PART, RESONANCE = 0.5, 0.05
 NODES_PER_HALF_WAVE = 4.0
 #: Error without a warning, as a fraction of the motion.
 LIKELY = 0.01
-#: Maximum error without a warning of the load by gusts on the first vibration; the motion errs by 1.3 to 1.7 times as much.
+#: Maximum error without a warning of the load by gusts on the first vibration; the motion errs by 1.2 to 1.9 times as much.
 GUSTS = 0.03
 #: Error from which links do not resolve the motion.
 LARGE = 0.1

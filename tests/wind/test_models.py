@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -341,3 +342,10 @@ def test_few_links_in_gusts_are_told_of():
     error = float(cp.compare.errors(coarse, fine).error_max)
     assert 0.5 * error < told / 100.0 < error  # the motion errs by more than the load
     assert float(cp.compare.errors(enough, fine).error_max) < 0.1 * error
+    with pytest.warns(cp.CoarseWarning, match=r"errs by \d+ %"):  # the ramp of the mean wind does not hide the gusts
+        cp.chain.simulate(scene.assign(wind_ramp=5.0), **options)
+    steady = scene.drop_vars([name for name in scene.data_vars if str(name).startswith("wind_turbulence")])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", cp.CoarseWarning)
+        for given in (steady, steady.assign(wind_ramp=5.0)):
+            cp.chain.simulate(given, **options)
