@@ -151,10 +151,8 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
             if key in _options(function) and key not in chosen
         ]
         arguments = inspect.signature(_callable(function)).parameters.values()
-        if all(
-            argument.kind is argument.KEYWORD_ONLY for argument in arguments
-        ):  # functions of the paper read their scenes
-            inputs = []
+        # functions of the paper read their scenes
+        inputs = [] if all(argument.kind is argument.KEYWORD_ONLY for argument in arguments) else inputs
         call = f"cp.{function}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
     if function != provenance.CHANGED:  # the id of a changed dataset appears only in later stages

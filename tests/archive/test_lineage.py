@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from histories import run_script
+from periodic_scenes import guy
 
 import cablepod as cp
 from cablepod import lineage, provenance
@@ -161,3 +162,22 @@ def test_a_table_of_the_paper_is_made_again():
     table = table1.table1()
     assert "cp.paper.table1.table1()" in lineage.script(table)
     assert provenance.digest(again(table)) == provenance.digest(table)
+
+
+@pytest.mark.parametrize("kind", ["orbit", "map", "peaks"])
+def test_responses_and_peaks_are_made_again(kind, soft):
+    if kind == "peaks":
+        members = cp.ensemble.design(cp.make_scene(soft), {"cable.top_tension": [200, 240]}, members=4)
+        result = cp.extremes.peaks(
+            cp.chain.simulate(members, step=1e-3, times=[0.0, 0.5], outputs=("tension_extremes",))
+        )
+    else:
+        scene = guy(damping=0.05)
+        modes = cp.condensed.vibration_modes(scene, rank=1)
+        grid = {"frequency": [5.0, 6.0], "amplitude": [1e-3, 2e-3]}
+        result = (
+            cp.periodic.orbit(scene, modes, harmonics=2)
+            if kind == "orbit"
+            else cp.periodic.stability_map(scene, modes, **grid)
+        )
+    assert provenance.digest(again(result)) == provenance.digest(result)
