@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 #: Interval at which a wait checks for SIGINT [s].
 LOOK_EVERY = 0.1
-
-
 #: Arrays of a run at its peak over those of its positions: saved states, what they are put in order for, and the output; 4 to 6
 #: for positions, 7 to 12 with velocities, tensions and the runs that an estimate compares.
 ARRAYS_OF_RUN = 8

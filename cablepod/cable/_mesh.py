@@ -14,7 +14,7 @@ from cablepod._resources import check_memory
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
-from cablepod.discretisation._formulas import green_secant, green_tangent
+from cablepod.discretisation._formulas import green_secant, green_tangent, linear_secant
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
 from cablepod.discretisation._laws import LAWS, tangent_stiffness_ratio, taut_secant
 from cablepod.errors import scene_error
@@ -160,8 +160,8 @@ class SpectralMesh(LumpedChain):
         """Compute the secant modulus T / xi and the tangent modulus dT/dxi [N] of a taut cable."""
         k = self.axial_stiffness
         if self.green:
-            return 0.5 * k * (stretch - 1.0) * (stretch + 1.0), green_tangent(stretch**2, k)
-        return k * (stretch - 1.0) / stretch, k + np.zeros(stretch.shape)
+            return green_secant(stretch**2, k), green_tangent(stretch**2, k)
+        return linear_secant(1.0 / stretch, k), k + np.zeros(stretch.shape)
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Compute the internal nodal forces (nodes, dims) [N]."""
