@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import powers
+from cablepod._inputs import check_units
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, named, scene_error
 from cablepod.parameters._parameters import InWind, Parameters
@@ -105,7 +105,8 @@ def checked_field(
     _check_numbers(key, given, "time", ("time",))
     _check_numbers(key, given, "wind", ("time", "point", "component"))
     for name, units in UNITS_OF_FIELD.items():
-        _check_units(key, given, name, units)
+        if name in given.variables:
+            check_units(f"{key}: {name}", given[name], units)
     if given.variables["component"].dims != ("component",):
         raise SceneError(f"{key}: given component over {given['component'].dims}; allowed: the axes over component")
     given = by_axes(given)
@@ -147,8 +148,11 @@ def checked_field(
 
 def by_axes(field: xr.Dataset) -> xr.Dataset:
     """Return a field whose components are in the order of the axes; as it is where they have no such labels."""
-    names = field.variables["component"].values.tolist() if "component" in field.variables else []
-    return field if names == sorted(map(str, names)) else field.isel(component=np.argsort(list(map(str, names))))
+    component = field.variables.get("component")
+    if component is None or component.dims != ("component",):
+        return field
+    names = [str(name) for name in component.values]
+    return field if names == sorted(names) else field.isel(component=np.argsort(names))
 
 
 def _check_variables(key: str, given: Any, names: tuple[str, ...], allowed: str) -> None:
@@ -230,12 +234,3 @@ def _field(path: str, sha256: str) -> xr.Dataset:
             f"{RECORD}: {named(path)} is no netCDF file, or damaged ({error}); allowed: a {WHAT}"
         ) from None
     return field
-
-
-def _check_units(key: str, field: xr.Dataset, name: str, units: str) -> None:
-    """Refuse a variable in other units than SI; one without units is taken as it is."""
-    if name not in field.variables or "units" not in field[name].attrs:
-        return
-    given = str(field[name].attrs["units"]).partition(" since ")[0].replace("seconds", "s")
-    if powers(given) != powers(units):
-        raise SceneError(f"{key}: {name}: given units {given!r}; allowed: {units}")

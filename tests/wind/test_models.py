@@ -257,6 +257,10 @@ def test_components_of_a_field_are_found_by_their_label():
         (lambda field: field.drop_vars("wind"), "without wind"),
         (lambda field: field.drop_vars(["position", "relative_arc_length"]), "without position"),
         (lambda field: field.isel(component=slice(0, 2)), "components"),
+        (
+            lambda field: field.drop_vars("component").assign_coords(component=("point", field.point.values)),
+            "component over",
+        ),
         (lambda field: field.assign(wind=field.wind.assign_attrs(units="km h-1")), "wind: given units 'km h-1'"),
         (lambda field: field.assign_coords(time=field.time.assign_attrs(units="min")), "time: given units 'min'"),
         (lambda field: field.assign(position=field.position.assign_attrs(units="mm")), "position: given units 'mm'"),
