@@ -16,10 +16,11 @@ from cablepod.integrate._chain_run import ChainRun, Trajectory
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.parameters._time_functions import BatchedTimeFunction
 
 if TYPE_CHECKING:
     from cablepod.chain._air import ChainAir
+    from cablepod.parameters._parameters import Parameters
+    from cablepod.parameters._time_functions import TimeFunction
 
 
 class ExplicitChainRun(ChainRun):
@@ -233,13 +234,10 @@ class ExplicitStepper:
         rows = np.array([layout.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
         columns = np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
         self._places = rows, columns
-        ends = [_batched_motion(prepared, end, axis) for end, axis in p.motions]
-        loads = zip(*(member.run.chain.time_dependent_loads() for member in prepared), strict=True)
-        self._functions = {
-            "ends": ends,
-            "rates": ends,
-            "factors": [BatchedTimeFunction([factor for _, factor in load]) for load in loads],
-        }
+        #: Time functions of each run with what is added to their values.
+        ends = [_motions(member.run.chain.p) for member in prepared]
+        factors = [[(factor, 0.0) for _, factor in member.run.chain.time_dependent_loads()] for member in prepared]
+        self._functions = {"ends": ends, "rates": ends, "factors": factors}
         self._tables: dict[str, np.ndarray] = {}
         self._patterns = _stacked([member.patterns for member in prepared])
         self._damping_factors = np.array([member.damping_factor for member in prepared])
@@ -286,21 +284,21 @@ class ExplicitStepper:
     def _table(self, name: str, start: int, steps: int) -> np.ndarray:
         """Evaluate time functions at the steps from `start` on (runs, functions, steps + 1)."""
         functions = self._functions[name]
-        shape = len(self.states), len(functions), steps + 1
+        shape = len(self.states), len(functions[0]), steps + 1
         table = self._tables.get(name)
         # the memory is reused: the system clears new memory, which costs as much as filling it
         if table is None or table.shape != shape:
             table = self._tables[name] = np.empty(shape)
-        for row, function in enumerate(functions):
-            function.fill(start, self.instants.steps_per_second, int(name == "rates"), row, table)
+        for rows, own in zip(table, functions, strict=True):
+            for row, (function, origin) in zip(rows, own, strict=True):
+                row[:] = function.at_steps(start, steps, self.instants.steps_per_second, int(name == "rates"), origin)
         return table
 
 
-def _batched_motion(prepared: Sequence[PreparedRun], end: str, axis: str) -> BatchedTimeFunction:
-    """Gather the motion of one coordinate of an end in several runs."""
-    parameters = [member.run.chain.p for member in prepared]
-    origins = [(p.lower if end == "lower" else p.upper)[COORDINATES.index(axis)] for p in parameters]
-    return BatchedTimeFunction([p.motions[end, axis] for p in parameters], origins)
+def _motions(p: Parameters) -> list[tuple[TimeFunction, float]]:
+    """Return the motions of the ends with the coordinate where each begins [m]."""
+    places = ((ENDS.index(end), COORDINATES.index(axis)) for end, axis in p.motions)
+    return [(motion, p.ends[place]) for place, motion in zip(places, p.motions.values(), strict=True)]
 
 
 def _stacked(values: list[Any]) -> np.ndarray | None:

@@ -107,9 +107,7 @@ class EndPositions:
 
     def __call__(self, first: int, last: int) -> np.ndarray:
         """Return the positions of the members `first` ... `last - 1` (members, time, end, dims) [m]."""
-        stacked = self.members.stacked(first, last)
-        ends = np.empty((last - first, self.times.size, 2, stacked.dims))
-        stacked.fill_end_positions(self.times, ends)
+        ends = self.members.stacked(first, last).end_positions(self.times)
         ends[self.failed[first:last]] = np.nan
         return ends
 
@@ -191,7 +189,7 @@ class MemberCoefficients:
             named["mean_chordwise_forces"], named["geometric_stiffness"].reshape(count, -1),
             named["load_projection"].reshape(count, -1),
         )  # fmt: skip
-        self.ends = MemberEnds.of(parameters)
+        self.ends = MemberEnds(parameters.ends, parameters.motions)
         self.load = np.ascontiguousarray(parameters.load_at(0.0)[:, :, None])
         self.reference = normals_at_start(parameters.ends[:, 1] - parameters.ends[:, 0])
 

@@ -270,7 +270,7 @@ def motions_of(runs: MemberRuns) -> np.ndarray:
     stride = -(-runs.samples.size // MOTION_SAMPLES)
     q, unit = results.saved[:, runs.samples[::stride]], batch.plan.unit
     ends = None
-    if runs.ends.rows.size:
+    if runs.ends.motions:
         times = np.arange(q.shape[1]) * (stride * runs.interval / results.instants.steps_per_second)
         ends = runs.ends.positions(times)
     of_upper = runs.shapes @ (unit.chain.tributary_length * unit.chain.arc_length)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,8 +25,8 @@ from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER, damped_
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within
-from cablepod.parameters._parameters import Parameters
-from cablepod.parameters._time_functions import ramped
+from cablepod.parameters._parameters import positions_of_ends
+from cablepod.parameters._time_functions import TimeFunction
 
 if TYPE_CHECKING:
     from cablepod.condensed._batch import MemberCoefficients
@@ -40,47 +41,42 @@ BLOCK = 512
 class MemberEnds:
     """Ends of stacked members that move by sines."""
 
-    rows: np.ndarray  #: coordinate of the ends that each motion moves (motions,)
-    motions: np.ndarray  #: (members, motions, MOTION_ROWS), see :mod:`cablepod.parameters._kernels_sines`
     initial: np.ndarray  #: ends at rest (members, 2, dims) [m]
-
-    @classmethod
-    def of(cls, p: Parameters) -> MemberEnds:
-        """Collect the motions of stacked members."""
-        columns, rows = [], []
-        count, _, dims = p.ends.shape
-        initial = p.ends.reshape(count, 2 * dims)
-        for (end, axis), motion in p.motions.items():
-            rows.append(dims * ENDS.index(end) + COORDINATES.index(axis))
-            values = {name: value[:, 0] for name, value in motion.values.items()}
-            phase = values.get("phase", np.full(count, -0.5 * np.pi))  # that of one_minus_cosine
-            ramp, origin = values.get("ramp", np.zeros(count)), initial[:, rows[-1]]
-            columns.append(
-                np.stack([values["angular_frequency"], phase, values["amplitude"], origin, p.damping, ramp], axis=1)
-            )
-        motions = np.stack(columns, axis=1) if columns else np.empty((count, 0, 6))
-        return cls(np.array(rows, dtype=np.int64), motions, p.ends)
+    motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacements [m]
 
     def take(self, part: np.ndarray) -> MemberEnds:
         """Return the ends of some members."""
-        return MemberEnds(self.rows, self.motions[part], self.initial[part])
+        of_part = {
+            key: replace(motion, values={name: value[part] for name, value in motion.values.items()})
+            for key, motion in self.motions.items()
+        }
+        return MemberEnds(self.initial[part], of_part)
 
     def positions(self, times: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Return positions, or their first or second derivatives (members, times, end, dims) [m]."""
-        members, _, dims = self.initial.shape
-        result = np.zeros((members, times.size, 2 * dims))
-        if derivative == 0:
-            result[:] = self.initial.reshape(members, 1, 2 * dims)
-        for k, row in enumerate(self.rows.tolist()):
-            omega, phase, amplitude, _, _, ramp = (self.motions[:, k, i, None] for i in range(6))
-            angle = omega * times + phase
-            change = [
-                amplitude * (np.sin(angle) - np.sin(phase)),
-                *([amplitude * omega * np.cos(angle)] if derivative > 0 else []),
-                *([-amplitude * omega * omega * np.sin(angle)] if derivative > 1 else []),
-            ]
-            result[:, :, row] += ramped(times, ramp, change) if ramp.any() else change[-1]
-        return result.reshape(members, times.size, 2, dims)
+        return positions_of_ends(self.initial, self.motions, times, derivative)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Coordinate of the ends that each motion moves (motions,)."""
+        dims = self.initial.shape[-1]
+        rows = [dims * ENDS.index(end) + COORDINATES.index(axis) for end, axis in self.motions]
+        return np.array(rows, dtype=np.int64)
+
+    def for_rotations(self, damping: np.ndarray) -> np.ndarray:
+        """Return the motions (motions, MOTION_ROWS, members) of :mod:`cablepod.parameters._kernels_sines`.
+
+        `damping` is the mass-proportional damping of the members [1/s].
+        """
+        from cablepod.parameters._kernels_sines import MOTION_ROWS  # numba is imported only to compute
+
+        count = len(self.initial)
+        initial = self.initial.reshape(count, -1)
+        motions = np.empty((len(self.motions), MOTION_ROWS, count))
+        for row, motion, values in zip(self.rows, self.motions.values(), motions, strict=True):
+            numbers = *motion.sine, initial[:, row], damping, motion.ramp
+            values[:] = [np.broadcast_to(np.ravel(number), count) for number in numbers]
+        return motions
 
 
 @dataclass(frozen=True)
@@ -221,11 +217,12 @@ class _Group:
         self.coordinates = np.empty((saved, self.r, LANES))
         self.rates = np.empty((saved if rates else 0, 2, self.r, LANES))
         self.boundary_data = np.empty((saved if loads else 0, columns, LANES))
-        motions = np.ascontiguousarray(np.moveaxis(lanes.ends.motions[members], 0, -1))
-        count, dims = len(lanes.ends.rows), p.dims
+        ends = lanes.ends.take(members)
+        motions, moved = ends.for_rotations(p.damping[members]), ends.rows
+        count, dims = len(moved), p.dims
         work = np.empty((count, 5, LANES)), np.empty((count, 2, 4, LANES)), np.empty((9, LANES))
         reference = None if dims == 2 else np.ascontiguousarray(batch.reference[members].T)
-        self.of_ends = lanes.ends.rows, motions, work
+        self.of_ends = moved, motions, work
         self.of_frames = (
             _flat(p.ends[members]).reshape(2 * dims, LANES), np.zeros((2 * dims, LANES)),
             np.ascontiguousarray(batch.load[members, :, 0].T), p.mass[members], reference,

@@ -1,136 +1,13 @@
-"""Compiled tables of harmonic time functions at equidistant steps."""
+"""Compiled harmonic motions of the ends at equidistant steps, members in lanes: the last dimension of all arrays."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cablepod._jit import compiled
 
-#: Rotations between two evaluations of sine and cosine (bounds the rounding error to about ten times that of one sine).
+#: Rotations between two evaluations of sines and cosines (the rounding error is at most about ten times that of one sine).
 ROTATIONS = 64
-
-
-@compiled
-def sines(start, steps_per_second, omega, phase, amplitude, constant, table):
-    """Fill `table` (steps,) with amplitude sin(omega t_i + phase) + constant, t_i = (start + i) / steps_per_second.
-
-    Four interleaved rotations, each by the angle of four steps; a sine for each step would cost ten times as much.
-
-    Parameters
-    ----------
-    start, steps_per_second
-        Number of the first step; steps per second [1/s].
-    omega, phase
-        Angular frequency [rad/s] and phase [rad].
-    amplitude, constant
-        In the unit of the table.
-    table
-        Filled.
-    """
-    angle_of_step = omega / steps_per_second
-    c, s = math.cos(4.0 * angle_of_step), math.sin(4.0 * angle_of_step)
-    x, y = np.empty(4), np.empty(4)
-    steps = table.size
-    for block in range(0, steps, 4 * ROTATIONS):
-        for lane in range(4):
-            angle = angle_of_step * (start + block + lane) + phase
-            x[lane], y[lane] = amplitude * math.cos(angle), amplitude * math.sin(angle)
-        end = min(steps, block + 4 * ROTATIONS)
-        full = block + (end - block) // 4 * 4
-        for i in range(block, full, 4):
-            for lane in range(4):
-                table[i + lane] = y[lane] + constant
-                x[lane], y[lane] = c * x[lane] - s * y[lane], s * x[lane] + c * y[lane]
-        for i in range(full, end):
-            table[i] = y[i - full] + constant
-
-
-@compiled
-def harmonic(start, steps_per_second, omega, phase, amplitude, origin, derivatives, tables):
-    """Fill `tables` (derivatives, steps) with derivatives of amplitude (sin(omega t + phase) - sin(phase)) + origin.
-
-    Parameters
-    ----------
-    start, steps_per_second, omega, phase
-        As in :func:`sines`.
-    amplitude, origin
-        [m], or 1 for the factor of a load.
-    derivatives
-        Tuple of the orders of the derivatives, 0 for values; `origin` is added to values only.
-    tables
-        Filled in one call, because a call costs more than a hundred steps.
-    """
-    for k in range(len(derivatives)):
-        factor, constant = amplitude, 0.0
-        for _ in range(derivatives[k]):
-            factor *= omega
-        if derivatives[k] == 0:
-            constant = origin - factor * math.sin(phase)
-        sines(start, steps_per_second, omega, phase + 0.5 * math.pi * derivatives[k], factor, constant, tables[k])
-
-
-@compiled
-def harmonic_of_members(start, steps_per_second, omega, phase, amplitude, origin, derivative, row, tables):
-    """Fill one row of the tables of all members, (members, rows, steps), as :func:`harmonic` does.
-
-    Parameters
-    ----------
-    start, steps_per_second
-        As in :func:`sines`.
-    omega, phase, amplitude, origin
-        As in :func:`harmonic`, of each member (members,).
-    derivative
-        Order of the derivative.
-    row
-        Index of the row.
-    tables
-        Filled.
-    """
-    for m in range(omega.size):
-        harmonic(
-            start,
-            steps_per_second,
-            omega[m],
-            phase[m],
-            amplitude[m],
-            origin[m],
-            (derivative,),
-            tables[m, row : row + 1],
-        )
-
-
-@compiled
-def end_positions_of_members(times, omega, phase, amplitude, ramp, row, positions):
-    """Add the harmonic motion of one coordinate to the ends of all members (members, times, 2 dims) [m].
-
-    Parameters
-    ----------
-    times
-        Instants (times,) [s].
-    omega, phase, amplitude
-        As in :func:`harmonic`, of each member (members,); without phases the motion is amplitude (1 - cos(omega t)).
-    ramp
-        Duration of the smooth start (members,) [s], 0 without; None if no member has one.
-    row
-        Index of the coordinate.
-    positions
-        Changed.
-    """
-    for m in range(omega.size):
-        for i in range(times.size):
-            if phase is None:
-                change = 1.0 - math.cos(omega[m] * times[i])
-            else:
-                change = math.sin(omega[m] * times[i] + phase[m]) - math.sin(phase[m])
-            if ramp is not None and times[i] < ramp[m]:
-                s = times[i] / ramp[m]
-                change *= s * s * s * (10.0 - s * (15.0 - 6.0 * s))
-            positions[m, i, row] += amplitude[m] * change
-
-
-# --- lanes: members side by side, in the last dimension of all arrays ---------------------------------------------------
 
 # Rows of a motion as given: angular frequency [rad/s], phase [rad], amplitude [m], initial coordinate of the end [m],
 # mass-proportional damping [1/s], duration of the smooth start [s], 0 without.
@@ -169,7 +46,7 @@ def start_rotations(step, steps_per_second, motions, turns, waves):
 
 @compiled(noalias=True, forceinline=True)
 def rotate(step, rows, turns, waves, ends, accelerations):
-    """Write the coordinates of the ends at a step, and turn the rotations by four steps, as :func:`sines` does.
+    """Write the coordinates of the ends at a step, and turn the rotations by four steps.
 
     Parameters
     ----------

@@ -214,27 +214,7 @@ class Parameters:
 
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Return prescribed positions of both ends, or a derivative of them: (time, end, dims) [m]."""
-        time = np.asarray(time, dtype=float)
-        result = np.zeros((*self.lower.shape[:-1], time.size, 2, self.dims))
-        if derivative == 0:
-            result[..., 0, :], result[..., 1, :] = self.lower[..., None, :], self.upper[..., None, :]
-        for (end, axis), function in self.motions.items():
-            result[..., ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
-        return result
-
-    def fill_end_positions(self, time: np.ndarray, positions: np.ndarray) -> None:
-        """Fill the positions of both ends of stacked members (members, time, end, dims) [m], three times as fast."""
-        from cablepod.parameters import _kernels_sines as kernel  # numba is imported only to compute
-
-        positions[:] = self.ends[:, None]
-        for (end, axis), motion in self.motions.items():
-            values = {name: np.ascontiguousarray(motion.values[name][:, 0]) for name in motion.values}
-            kernel.end_positions_of_members(
-                np.ascontiguousarray(time), values["angular_frequency"], values.get("phase"), values["amplitude"],
-                values.get("ramp"),
-                self.dims * ENDS.index(end) + COORDINATES.index(axis),
-                positions.reshape(*positions.shape[:2], 2 * self.dims),
-            )  # fmt: skip
+        return positions_of_ends(self.ends, self.motions, time, derivative)
 
     @cached_property
     def initial_ends(self) -> np.ndarray:
@@ -299,6 +279,22 @@ class Parameters:
                     f"{key}.path: the record is too short, from {function.begin:g} s to {function.end:g} s; "
                     f"allowed: one that covers the run, from 0 s to {time:g} s"
                 )
+
+
+def positions_of_ends(
+    ends: np.ndarray, motions: Mapping[tuple[str, str], TimeFunction], time: np.ndarray, derivative: int = 0
+) -> np.ndarray:
+    """Return positions of ends that move, or a derivative of them (..., time, end, dims) [m].
+
+    `ends` are those at rest (..., end, dims) [m], `motions` as in :class:`Parameters`.
+    """
+    time = np.asarray(time, dtype=float)
+    result = np.zeros((*ends.shape[:-2], time.size, *ends.shape[-2:]))
+    if derivative == 0:
+        result[:] = ends[..., None, :, :]
+    for (end, axis), function in motions.items():
+        result[..., ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
+    return result
 
 
 def output_times(duration: float | None, interval: float | None) -> np.ndarray:
