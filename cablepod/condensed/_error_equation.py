@@ -70,7 +70,7 @@ def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.nda
     change, largest_force = tensions = np.empty((2, members, samples))
     kernel.exact_forces(
         terms.sizes, terms.enriched, terms.weights, terms.flexibility, terms.inertia, terms.green, terms.leading,
-        terms.corrections, np.ascontiguousarray(rows).reshape(members, -1), y, force, slopes, np.empty((FIELDS, m, BLOCK)),
+        terms.corrections, np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)),
         np.empty((SUMS, BLOCK)), tensions,
     )  # fmt: skip
     enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
@@ -142,9 +142,8 @@ def grown_errors(
         np.zeros((members, 8 + count, size + 2)),
     )
     vectors[:, 0, :size], vectors[:, 1, :size] = errors, error_rates
-    rows, *driving = drive
     kernel.error_growth(
-        terms.sizes, terms.enriched, terms.damping, terms.springs, interval, rows.reshape(members, -1), *driving, vectors,
+        terms.sizes, terms.enriched, terms.damping, terms.springs, interval, *drive, vectors,
         squares, largest,
     )  # fmt: skip
     return squares, largest

@@ -69,14 +69,12 @@ def _projected(
     if not accelerations.shape[1]:
         accelerations = ends  # not read
     if dims == 2:
-        kernel.planar_frames_of_lanes(masses, patterns, ends, accelerations, loads, masses, rows.reshape(-1), 0)
+        kernel.planar_frames_of_lanes(masses, patterns, ends, accelerations, loads, masses, rows.reshape(-1))
         return rows
     axes = np.empty((3, instants))
     axes[:] = reference[:, None] if reference.ndim == 1 else reference.T
     work = np.empty((9, instants))
-    kernel.spatial_frames_of_lanes(
-        masses, patterns, ends, accelerations, loads, masses, axes, work, rows.reshape(-1), 0
-    )
+    kernel.spatial_frames_of_lanes(masses, patterns, ends, accelerations, loads, masses, axes, work, rows.reshape(-1))
     return rows
 
 

@@ -13,26 +13,26 @@ from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
-def _chord_tensions(sizes, terms, rows, at, q, tension):
+def _chord_tensions(sizes, terms, row, q, tension):
     """Fill H (lanes) [N] by the closure to leading order, from the integral of zeta' = 1 + N / K - w'^2 / 2 over the length.
 
     H = K (c / L0 - 1) - sum_a g_a mean_a + K / (2 L0) sum_j kappa_j q_j^2
 
-    `rows` holds boundary data (steps, columns, lanes), of which those at index `at` count: chord c [m], loads along the chord
-    g [N/m], loads along the normals p [N/m]; point loads [N].
+    `row` holds the boundary data of an instant (columns, lanes), flat: chord c [m], loads along the chord g [N/m], loads along
+    the normals p [N/m]; point loads [N].
     """
     lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
     for m in range(lanes):
-        tension[m] = terms.stiffness[m] * (rows[at + m] * terms.inverse_length[m] - 1.0)
+        tension[m] = terms.stiffness[m] * (row[m] * terms.inverse_length[m] - 1.0)
         for a in range(patterns):
-            tension[m] -= rows[at + (1 + a) * lanes + m] * terms.mean_chordwise_forces[a * lanes + m]
+            tension[m] -= row[(1 + a) * lanes + m] * terms.mean_chordwise_forces[a * lanes + m]
         for j in range(size):
             k = j * lanes + m
             tension[m] += terms.sag_stiffness[m] * terms.kappa[k] * q[k] * q[k]
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
-def _geometric_forces(sizes, terms, rows, at, tension, x, f):
+def _geometric_forces(sizes, terms, row, tension, x, f):
     """Fill f (r, lanes) with the geometric stiffness H kappa + sum_a g_a G_a times x (r, lanes)."""
     lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
     for j in range(size):
@@ -43,12 +43,12 @@ def _geometric_forces(sizes, terms, rows, at, tension, x, f):
                 stiff, first = 0.0, (a * size + j) * size
                 for k in range(size):
                     stiff += terms.geometric_stiffness[np.uintp((first + k) * lanes + m)] * x[np.uintp(k * lanes + m)]
-                total += rows[at + (1 + a) * lanes + m] * stiff
+                total += row[(1 + a) * lanes + m] * stiff
             f[j * lanes + m] = total
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
-def _forces(sizes, terms, rows, at, q, tension, f):
+def _forces(sizes, terms, row, q, tension, f):
     """Fill H (lanes) [N] and the undamped accelerations f (r, lanes) = P p - (H kappa + sum_a g_a G_a) q."""
     lanes, size, patterns, normal_loads = (
         len(sizes.lanes),
@@ -56,18 +56,18 @@ def _forces(sizes, terms, rows, at, q, tension, f):
         len(sizes.patterns),
         len(sizes.normal_loads),
     )
-    _chord_tensions(sizes, terms, rows, at, q, tension)
-    _geometric_forces(sizes, terms, rows, at, tension, q, f)
+    _chord_tensions(sizes, terms, row, q, tension)
+    _geometric_forces(sizes, terms, row, tension, q, f)
     for j in range(size):
         for m in range(lanes):
             load = 0.0
             for a in range(normal_loads):
-                load += rows[at + (1 + patterns + a) * lanes + m] * terms.load_projection[(a * size + j) * lanes + m]
+                load += row[(1 + patterns + a) * lanes + m] * terms.load_projection[(a * size + j) * lanes + m]
             f[j * lanes + m] = load - f[j * lanes + m]
 
 
 @compiled(noalias=True, literal=False, counted=False)
-def _fill_tangent(terms, rows, at, q, tension, tangent):
+def _fill_tangent(terms, row, q, tension, tangent):
     """Fill the negative derivative of the accelerations of one lane by q (r, r): H kappa + g G + K / L0 kappa q (kappa q)^T."""
     size, patterns = q.size, terms.mean_chordwise_forces.size
     for i in range(size):
@@ -75,7 +75,7 @@ def _fill_tangent(terms, rows, at, q, tension, tangent):
         for j in range(size):
             tangent[i, j] = by_sag * terms.kappa[j] * q[j]
         for a in range(patterns):
-            load = rows[at + 1 + a]
+            load = row[1 + a]
             for j in range(size):
                 tangent[i, j] += load * terms.geometric_stiffness[(a * size + i) * size + j]
         tangent[i, i] += tension * terms.kappa[i]
@@ -100,5 +100,5 @@ def leading_forces(terms, rows, q, f, tangent, tension):
         own, row = _of_member(terms, member), rows[member]
         mean = own.mean_chordwise_forces
         of_member = tension[member : member + 1]
-        _forces(Sizes((0,), q[member], mean, row[1 + mean.size :]), own, row, 0, q[member], of_member, f[member])
-        _fill_tangent(own, row, 0, q[member], tension[member], tangent[member])
+        _forces(Sizes((0,), q[member], mean, row[1 + mean.size :]), own, row, q[member], of_member, f[member])
+        _fill_tangent(own, row, q[member], tension[member], tangent[member])

@@ -119,7 +119,7 @@ def exact_forces(
     sizes, enriched, weights, flexibility, inertia, green, leading, corrections
         See :class:`cablepod.condensed._kernels_layout.ErrorTerms`.
     rows
-        Boundary data of the samples, see :func:`cablepod.condensed._frame.chord_and_loads` (members, samples columns).
+        Boundary data of the samples, see :func:`cablepod.condensed._frame.chord_and_loads` (members, samples, columns).
     y
         Motion in enriched coordinates (members, samples, R).
     force
@@ -133,13 +133,12 @@ def exact_forces(
         Filled: change of H by the exact closure, and largest chordwise force (2, members, samples) [N].
     """
     shift, samples = 0.0 if leading else 1.0, y.shape[1]
-    columns = rows.shape[1] // samples
     for member in range(y.shape[0]):
         own = _of_member(enriched, member)
         for begin in range(0, samples, BLOCK):
             end = begin + BLOCK if begin + BLOCK < samples else samples
             for t in range(begin, end):
-                _chord_tensions(sizes, own, rows[member], t * columns, y[member, t], sums[TENSION, t - begin :])
+                _chord_tensions(sizes, own, rows[member, t], y[member, t], sums[TENSION, t - begin :])
             _sum_slopes(slopes[member], begin, end, force[member], fields, sums)
             _close_samples(
                 weights[member], flexibility[member], green, shift, corrections, begin, end, force[member], fields, sums
@@ -204,7 +203,7 @@ def error_growth(
     step
         Interval of the samples [s].
     rows, y, difference, largest_force
-        See :class:`cablepod.condensed._kernels_layout.Drive`; the rows (members, samples columns).
+        See :class:`cablepod.condensed._kernels_layout.Drive`; the rows (members, samples, columns).
     vectors
         Errors at the start, their rates, and work arrays (members, 8 + springs, R + 2); changed.
     mean_squares
@@ -212,7 +211,7 @@ def error_growth(
     largest
         Filled: the errors where that is largest, and the number of the sample (members, R + 1).
     """
-    size, squared_step, columns = y.shape[2], step * step, rows.shape[1] // y.shape[1]
+    size, squared_step = y.shape[2], step * step
     margin = MARGIN if springs is None else 0.5 * MARGIN  # shared by sag and springs
     for member in range(y.shape[0]):
         own, damped = _of_member(enriched, member), damping[member] * step
@@ -231,7 +230,7 @@ def error_growth(
                 for i in range(size):
                     largest[member, i] = e[i]
                 largest[member, size] = t
-            _forces(sizes, own, rows[member], t * columns, position, tension, force)
+            _forces(sizes, own, rows[member, t], position, tension, force)
             # at the start `increment` is the rate: half a force acts, and half of the damping
             stiffest, need, cross, dyad = squared_step * max(largest_force[member, t], 0.0), 0.0, 0.0, 0.0
             need_of_springs = 0.0

@@ -253,7 +253,7 @@ def exact_verlet(
             _subtract_modal_damping(rate_terms.modal_damping, rates, f)
             _add_held_drag(air, q, rates, 1.0 + tension[0] / exact.stiffness, True, number, step, f)
         _accelerate(exact.inertia, work.mass, f)
-        _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, number, monitor)
+        _monitor_frequency(sizes, terms, bounds, row, q, tension, number, monitor)
         is_output = saved < record.steps.size and record.steps[saved] == number
         for j in range(r):
             new_rate = damped.decay[0] * v[j] + damped.impulse[0] * f[j]

@@ -26,9 +26,8 @@ def _start_numerov(sizes, terms, damped, rows, state):
     The first step is that of the parabola through the forces at the first three instants, which two corrections find: the first
     leaves an error of fifth order.  The force before the start is that of the parabola.
     """
-    n, lanes = len(sizes.modes) * len(sizes.lanes), len(sizes.lanes)
-    columns = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes
-    last, h = rows.size // columns - 1, damped.step
+    n = len(sizes.modes) * len(sizes.lanes)
+    last, h = len(rows) - 1, damped.step
     q, v, before, earlier, f, rate, new_q, tension = state
     for k in range(n):
         v[k] += 0.5 * damped.damping[k] * q[k]
@@ -39,7 +38,7 @@ def _start_numerov(sizes, terms, damped, rows, state):
             new_q[k] = damped.decay[k] * (q[k] + h * rate[k])
             if ahead == 2:
                 new_q[k] = damped.decay[k] * damped.decay[k] * (q[k] + h * (2.0 * rate[k] + h * before[k]))
-        _forces(sizes, terms, rows, min(ahead, last) * columns, new_q, tension, earlier)
+        _forces(sizes, terms, rows[ahead if ahead < last else last], new_q, tension, earlier)
         _add_excess(sizes, damped, new_q, earlier)
         for k in range(n):
             earlier[k] *= damped.impulse[k]
@@ -72,7 +71,7 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     damped, state, record
         See above.  At the start `state.v` holds the rates; later, and on return, (u - u(t - h)) / h for u = q now.
     rows, steps
-        Boundary data (steps + 1 or more, columns, lanes), flat; row number `steps` is the first of the next block.  The first
+        Boundary data (steps + 1 or more, columns lanes); row number `steps` is the first of the next block.  The first
         step takes three rows where there are as many.
     begin
         Number of the first step.
@@ -83,8 +82,8 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     -----
     M. M. Chawla, Numerov made explicit has better stability, BIT 24, 117 (1984).
     """
-    n, lanes = len(sizes.modes) * len(sizes.lanes), len(sizes.lanes)
-    columns, h, saved = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes, damped.step, 0
+    n = len(sizes.modes) * len(sizes.lanes)
+    h, saved = damped.step, 0
     q, v, before, earlier, f, predicted, new_f, tension = state
     next_output = record.steps[0] if record.steps.size else -1
     for i in range(steps + 1):
@@ -94,7 +93,7 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
         elif i > 0:
             for k in range(n):
                 predicted[k] = damped.decay[k] * (q[k] + h * (v[k] + h * f[k]))
-            _forces(sizes, terms, rows, i * columns, predicted, tension, new_f)
+            _forces(sizes, terms, rows[i], predicted, tension, new_f)
             _add_excess(sizes, damped, predicted, new_f)
             for k in range(n):
                 v[k] += h / 12.0 * (damped.impulse[k] * new_f[k] + 10.0 * f[k] + damped.decay[k] * before[k])
@@ -104,11 +103,11 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
                 v[k] *= damped.decay[k]
                 earlier[k] = before[k]
                 before[k] = f[k]
-        _forces(sizes, terms, rows, i * columns, q, tension, f)
+        _forces(sizes, terms, rows[i], q, tension, f)
         _add_excess(sizes, damped, q, f)
-        _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, number, monitor)
+        _monitor_step(sizes, terms, bounds, rows[i], q, tension, number, monitor)
         if links is not None and links.low.size:
-            _update_extremes(sizes, links, rows, i * columns, q, tension)
+            _update_extremes(sizes, links, rows[i], q, tension)
         if number == next_output:
             for k in range(n):
                 damping, decay, rate = damped.damping[k], damped.decay[k], v[k]
@@ -139,22 +138,21 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
     sizes, terms, bounds, links, damped, rows, steps, begin, record, monitor
         As in :func:`numerov`, without a row after the last step.
     """
-    n, lanes = len(sizes.modes) * len(sizes.lanes), len(sizes.lanes)
-    columns, saved = (1 + len(sizes.patterns) + len(sizes.normal_loads)) * lanes, 0
+    n, saved = len(sizes.modes) * len(sizes.lanes), 0
     q, v, before, _, f, u, work, tension = state
     next_output = record.steps[0] if record.steps.size else -1
     for i in range(steps):
         number = begin + i
-        _forces(sizes, terms, rows, i * columns, q, tension, f)
+        _forces(sizes, terms, rows[i], q, tension, f)
         if rate_terms is not None:
             for k in range(n):
                 u[k] = 1.5 * v[k] - 0.5 * before[k]
                 before[k] = v[k]
-            _add_rate_forces(sizes, terms, rate_terms, rows, i * columns, tension, u, work, f)
-            _add_held_drag(air, q, u, rows[i * columns] * terms.inverse_length[0], None, number, damped.step, f)
-        _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, number, monitor)
+            _add_rate_forces(sizes, terms, rate_terms, rows[i], tension, u, work, f)
+            _add_held_drag(air, q, u, rows[i, 0] * terms.inverse_length[0], None, number, damped.step, f)
+        _monitor_step(sizes, terms, bounds, rows[i], q, tension, number, monitor)
         if links is not None and links.low.size:
-            _update_extremes(sizes, links, rows, i * columns, q, tension)
+            _update_extremes(sizes, links, rows[i], q, tension)
         if number == next_output:
             for k in range(n):
                 record.coordinates[saved * n + k] = q[k]

@@ -37,7 +37,7 @@ def _complete_axes(axes, dims, reference):
 
 
 @compiled(noalias=True, forceinline=True)
-def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, rows, at):
+def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, row):
     """Fill chord lengths and projected loads in the plane, side by side: of members at a step, or of a cable at many instants.
 
     Parameters
@@ -49,8 +49,8 @@ def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass,
         velocities (4, lanes) [m/s^2].
     load, mass
         Uniform load with weight (2, lanes) [N/m], mass per unstretched length (lanes,) [kg/m].
-    rows, at
-        Boundary data (steps, columns, lanes), flat, and the index of the step there; filled.  Columns: chord length [m], then the
+    row
+        Boundary data of the step (columns, lanes), flat; filled.  Columns: chord length [m], then the
         load patterns along the chord from the upper end to the lower one, then those along each normal: uniform load, inertia
         that grows with the relative arc length [N/m].
     """
@@ -67,15 +67,15 @@ def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass,
             load_y -= mass[m] * end_accelerations[1, m]
             growing_x = mass[m] * (end_accelerations[0, m] - end_accelerations[2, m])
             growing_y = mass[m] * (end_accelerations[1, m] - end_accelerations[3, m])
-            rows[at + 2 * width + m] = growing_x * x + growing_y * y
-            rows[at + (2 + count) * width + m] = growing_x * y - growing_y * x
-        rows[at + m] = distance
-        rows[at + width + m] = load_x * x + load_y * y
-        rows[at + (1 + count) * width + m] = load_x * y - load_y * x
+            row[2 * width + m] = growing_x * x + growing_y * y
+            row[(2 + count) * width + m] = growing_x * y - growing_y * x
+        row[m] = distance
+        row[width + m] = load_x * x + load_y * y
+        row[(1 + count) * width + m] = load_x * y - load_y * x
 
 
 @compiled(noalias=True, forceinline=True)
-def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, reference, axes, rows, at):
+def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass, reference, axes, row):
     """Fill the boundary data of one step of spatial members, as :func:`planar_frames_of_lanes` of planar ones.
 
     `reference` are unit vectors, to which the first normals are closest (3, lanes), `axes` a work array (9, lanes): the
@@ -86,7 +86,7 @@ def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass
         x, y, z = ends[0, m] - ends[3, m], ends[1, m] - ends[4, m], ends[2, m] - ends[5, m]
         distance = math.sqrt(x * x + y * y + z * z)
         inverse = 1.0 / distance
-        rows[at + m], axes[0, m], axes[1, m], axes[2, m] = distance, x * inverse, y * inverse, z * inverse
+        row[m], axes[0, m], axes[1, m], axes[2, m] = distance, x * inverse, y * inverse, z * inverse
     for m in range(width):
         x, y, z = axes[0, m], axes[1, m], axes[2, m]
         a, b, c = reference[0, m], reference[1, m], reference[2, m]
@@ -106,8 +106,8 @@ def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass
                 growing_x = mass[m] * (end_accelerations[0, m] - end_accelerations[3, m])
                 growing_y = mass[m] * (end_accelerations[1, m] - end_accelerations[4, m])
                 growing_z = mass[m] * (end_accelerations[2, m] - end_accelerations[5, m])
-                rows[at + (2 + k * count) * width + m] = growing_x * x + growing_y * y + growing_z * z
-            rows[at + (1 + k * count) * width + m] = load_x * x + load_y * y + load_z * z
+                row[(2 + k * count) * width + m] = growing_x * x + growing_y * y + growing_z * z
+            row[(1 + k * count) * width + m] = load_x * x + load_y * y + load_z * z
 
 
 @compiled(counted=False)
@@ -143,18 +143,17 @@ def boundary_data_of_lanes(
     ends, accelerations
         Coordinates of the ends at rest [m], and zeros (2 dims, lanes); changed.
     rows
-        Filled: (steps + 1, columns, lanes), flat, columns as in :func:`cablepod.condensed._frame.chord_and_loads`.
+        Filled: (steps + 1, columns lanes), columns as in :func:`cablepod.condensed._frame.chord_and_loads`.
     """
     turns, waves, axes = work
-    ramped, columns = steps_of_ramps(motions, steps_per_second), rows.size // (steps + 1)
+    ramped = steps_of_ramps(motions, steps_per_second)
     for i in range(begin, begin + steps + 1):
         if i % (4 * ROTATIONS) == 0:
             start_rotations(i, steps_per_second, motions, turns, waves)
         rotate(i, moved, turns, waves, ends, accelerations)
         if i < ramped:
             ramp_ends(i, steps_per_second, moved, motions, turns, waves, ends, accelerations)
-        at = (i - begin) * columns
         if reference is None:
-            planar_frames_of_lanes(lanes, patterns, ends, accelerations, load, mass, rows, at)
+            planar_frames_of_lanes(lanes, patterns, ends, accelerations, load, mass, rows[i - begin])
         else:
-            spatial_frames_of_lanes(lanes, patterns, ends, accelerations, load, mass, reference, axes, rows, at)
+            spatial_frames_of_lanes(lanes, patterns, ends, accelerations, load, mass, reference, axes, rows[i - begin])

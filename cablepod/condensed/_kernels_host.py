@@ -361,9 +361,9 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     terms = _terms(coefficients)
     bounds = Bounds(by_pattern[NORMS], by_pattern[AT_CANDIDATES:], trial[MONITOR, LEAST_FORCE : LEAST_FORCE + 1])
     sizes = Sizes((0,), q, TWO_PATTERNS, row[: PATTERNS * (coefficients.sizes[DIMS] - 1)])
-    _forces(sizes, terms, row, 0, q, tension, f)
+    _forces(sizes, terms, row, q, tension, f)
     _add_air(coefficients.air, coefficients, accepted, trial, end_velocity, step, q, f)
-    _monitor_step(sizes, terms, bounds, row, 0, q, tension, trial[CLOCK, COUNT], monitor)
+    _monitor_step(sizes, terms, bounds, row, q, tension, trial[CLOCK, COUNT], monitor)
     _end_force(coefficients, row, q, f, tension[0], trial[AXES:], trial[END_FORCE])
     _add_moments(coefficients.air, coefficients, trial)
     return _finish(coefficients, trial, tension[0], end_velocity, end_acceleration, along)
@@ -392,5 +392,5 @@ def end_forces(coefficients, q, boundary_data, ends, f, axes, tension, force):
         for d in range(dims):
             axes[0, d] = ends[i, 0, d] - ends[i, 1, d]
         _complete_axes(axes, dims, coefficients.numbers[FIRST_NORMAL:])
-        _forces(Sizes((0,), f, TWO_PATTERNS, row[1 + PATTERNS :]), terms, row, 0, q[i], tension, f)
+        _forces(Sizes((0,), f, TWO_PATTERNS, row[1 + PATTERNS :]), terms, row, q[i], tension, f)
         _end_force(coefficients, row, q[i], f, tension[0], axes, force[i])

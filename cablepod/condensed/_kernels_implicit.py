@@ -113,16 +113,16 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
         Number of steps done; fewer than asked for where Newton's method did not converge.
     """
     q, v, acceleration = state[0], state[1], state[2]
-    r, columns, saved = q.size, 1 + len(sizes.patterns) + len(sizes.normal_loads), 0
+    r, saved = q.size, 0
     tangent, vectors, tension = np.empty((r, r)), np.empty((5, r)), np.empty(1)
     f, change, q_start, rates, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     for j in range(r):
         previous_acceleration[j] = acceleration[j]
-    _forces(sizes, terms, rows, 0, q, tension, f)
+    _forces(sizes, terms, rows[0], q, tension, f)
     for i in range(steps + 1):
-        _monitor_step(sizes, terms, bounds, rows, i * columns, q, tension, begin + i, monitor)
+        _monitor_step(sizes, terms, bounds, rows[i], q, tension, begin + i, monitor)
         if links is not None and links.low.size:
-            _update_extremes(sizes, links, rows, i * columns, q, tension)
+            _update_extremes(sizes, links, rows[i], q, tension)
         if saved < record.steps.size and record.steps[saved] == begin + i:
             _save_implicit(q, v, acceleration, step, record, saved)
             saved += 1
@@ -131,8 +131,8 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
         scale = _predict(q, v, acceleration, previous_acceleration, step, q_start)
         previous_change, converged = 0.0, False  # the first correction has no known reduction
         for _ in range(MAX_ITERATIONS):
-            _forces(sizes, terms, rows, (i + 1) * columns, q, tension, f)
-            _fill_tangent(terms, rows, (i + 1) * columns, q, tension[0], tangent)
+            _forces(sizes, terms, rows[i + 1], q, tension, f)
+            _fill_tangent(terms, rows[i + 1], q, tension[0], tangent)
             _fill_rates(q_start, q, v, step, rates)
             _subtract_modal_damping(modal_damping, rates, f)
             _add_modal_tangent(modal_damping, step, tangent)
@@ -158,7 +158,7 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
             for j in range(r):
                 q[j] = q_start[j]
             return i
-        _forces(sizes, terms, rows, (i + 1) * columns, q, tension, f)
+        _forces(sizes, terms, rows[i + 1], q, tension, f)
         _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
     return steps
 
@@ -202,7 +202,7 @@ def exact_trapezoidal(
         tension[0] = _close_chord(exact, row, q, guess, work)
         monitor[CHORD_TENSION] = tension[0]
         _record_exact(exact, work.stretch[0], work.closure, begin + i, low, high, monitor)
-        _monitor_frequency(sizes, terms, bounds, row, 0, q, tension, begin + i, monitor)
+        _monitor_frequency(sizes, terms, bounds, row, q, tension, begin + i, monitor)
         if i == steps:
             break
         scale = _predict(q, v, acceleration, previous_acceleration, step, q_start)

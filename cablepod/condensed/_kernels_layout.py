@@ -111,9 +111,6 @@ class Links(NamedTuple):
     slopes: np.ndarray  #: slopes of the coordinates (r, links lanes)
     in_plane: int  #: number of in-plane coordinates
     force_patterns: np.ndarray  #: chordwise force patterns (patterns, links lanes)
-    across: np.ndarray  #: work: slope of the deflection in the plane (links lanes)
-    out_of_plane: np.ndarray  #: work: slope of the deflection out of it (links lanes)
-    force: np.ndarray  #: work: chordwise force less H (links lanes) [N]
     low: np.ndarray  #: least tensions (links lanes) [N]; changed
     high: np.ndarray  #: largest tensions (links lanes) [N]; changed
 
@@ -121,11 +118,8 @@ class Links(NamedTuple):
     def of(
         cls, slopes: np.ndarray, in_plane: int, force_patterns: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> Links:
-        """Return tables in C order, extremes and work arrays."""
-        across, out_of_plane, force = np.empty((3, low.size))
-        tables = map(np.ascontiguousarray, (slopes, force_patterns))
-        slopes, force_patterns = tables
-        return cls(slopes, in_plane, force_patterns, across, out_of_plane, force, low, high)
+        """Return tables in C order, and extremes."""
+        return cls(np.ascontiguousarray(slopes), in_plane, np.ascontiguousarray(force_patterns), low, high)
 
 
 class Damped(NamedTuple):

@@ -9,13 +9,13 @@ from cablepod.condensed._kernels_layout import Sizes
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
-def _add_rate_forces(sizes, terms, rate_terms, rows, at, tension, u, work, f):
+def _add_rate_forces(sizes, terms, rate_terms, row, tension, u, work, f):
     """Subtract the damping of rates u from the accelerations f (r) of one lane; `work` (r) is overwritten.
 
     Damping by the tension is beta times the geometric stiffness, and none where the cable is slack.
     """
     if rate_terms.tension_damping > 0.0 and tension[0] > 0.0:
-        _geometric_forces(sizes, terms, rows, at, tension, u, work)
+        _geometric_forces(sizes, terms, row, tension, u, work)
         for j in range(len(sizes.modes)):
             f[j] -= rate_terms.tension_damping * work[j]
     _subtract_modal_damping(rate_terms.modal_damping, u, f)
@@ -89,7 +89,7 @@ def rate_forces(terms, rate_terms, rows, q, u, work, f, tension):
     for t in range(q.shape[0]):
         row, of_time = rows[t], tension[t : t + 1]
         sizes = Sizes((0,), q[t], mean, row[1 + mean.size :])
-        _chord_tensions(sizes, terms, row, 0, q[t], of_time)
+        _chord_tensions(sizes, terms, row, q[t], of_time)
         for j in range(q.shape[1]):
             f[t, j] = 0.0
-        _add_rate_forces(sizes, terms, rate_terms, row, 0, of_time, u[t], work, f[t])
+        _add_rate_forces(sizes, terms, rate_terms, row, of_time, u[t], work, f[t])

@@ -19,7 +19,7 @@ from cablepod.condensed._kernels_layout import (
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
-def _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monitor):
+def _monitor_frequency(sizes, terms, bounds, row, q, tension, number, monitor):
     """Keep the largest bound of the squared frequency, and the first step where it is too large.
 
     The squared frequencies are at most |H| max kappa + K / L0 sum (kappa q)^2 + sum |g_a| |G_a|.
@@ -32,7 +32,7 @@ def _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monit
             steepest = kappa if kappa > steepest else steepest
             sag += (kappa * q[j * lanes + m]) * (kappa * q[j * lanes + m])
         for a in range(patterns):
-            loads += abs(rows[at + (1 + a) * lanes + m]) * bounds.norms[a * lanes + m]
+            loads += abs(row[(1 + a) * lanes + m]) * bounds.norms[a * lanes + m]
         omega_squared = abs(tension[m]) * steepest + loads + 2.0 * terms.sag_stiffness[m] * sag
         largest, unstable = MAX_OMEGA_SQUARED * lanes + m, UNSTABLE_STEP * lanes + m
         is_first = omega_squared >= monitor[OMEGA_SQUARED_LIMIT * lanes + m] and number < monitor[unstable]
@@ -41,7 +41,7 @@ def _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monit
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, literal=False, counted=False)
-def _monitor_step(sizes, terms, bounds, rows, at, q, tension, number, monitor):
+def _monitor_step(sizes, terms, bounds, row, q, tension, number, monitor):
     """Update the monitor (MONITOR_ROWS, lanes): least chordwise force with its step, largest frequency."""
     lanes, patterns = len(sizes.lanes), len(sizes.patterns)
     for m in range(lanes):
@@ -50,47 +50,31 @@ def _monitor_step(sizes, terms, bounds, rows, at, q, tension, number, monitor):
         for m in range(lanes):
             force = tension[m]
             for a in range(patterns):
-                force += rows[at + (1 + a) * lanes + m] * bounds.candidates[k, a * lanes + m]
+                force += row[(1 + a) * lanes + m] * bounds.candidates[k, a * lanes + m]
             bounds.least[m] = force if force < bounds.least[m] else bounds.least[m]
     for m in range(lanes):
         least, force, step = bounds.least[m], MIN_FORCE * lanes + m, MIN_FORCE_STEP * lanes + m
         monitor[step] = number if least < monitor[force] else monitor[step]
         monitor[force] = least if least < monitor[force] else monitor[force]
-    _monitor_frequency(sizes, terms, bounds, rows, at, q, tension, number, monitor)
+    _monitor_frequency(sizes, terms, bounds, row, q, tension, number, monitor)
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
-def _update_extremes(sizes, links, rows, at, q, tension):
+def _update_extremes(sizes, links, row, q, tension):
     """Update the extremes by the tensions of the links to leading order, (H + tau) sqrt(1 + w'^2)."""
-    lanes, size, count = len(sizes.lanes), len(sizes.modes), links.low.size
-    for n in range(count):
-        links.across[n] = 0.0
-        links.out_of_plane[n] = 0.0
-        links.force[n] = 0.0
-    # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
-    for i in range(links.in_plane):
-        slopes = links.slopes[i]
-        for j in range(count // lanes):
-            for m in range(lanes):
-                k = np.uintp(j * lanes + m)
-                links.across[k] += slopes[k] * q[np.uintp(i * lanes + m)]
-    for i in range(links.in_plane, size):
-        slopes = links.slopes[i]
-        for j in range(count // lanes):
-            for m in range(lanes):
-                k = np.uintp(j * lanes + m)
-                links.out_of_plane[k] += slopes[k] * q[np.uintp(i * lanes + m)]
-    for a in range(len(sizes.patterns)):
-        patterns = links.force_patterns[a]
-        for j in range(count // lanes):
-            for m in range(lanes):
-                k = np.uintp(j * lanes + m)
-                links.force[k] += rows[np.uintp(at + (1 + a) * lanes + m)] * patterns[k]
-    for j in range(count // lanes):
+    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
+    for j in range(links.low.size // lanes):
         for m in range(lanes):
+            # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
             k = np.uintp(j * lanes + m)
-            squared = links.across[k] * links.across[k] + links.out_of_plane[k] * links.out_of_plane[k]
-            value = (tension[m] + links.force[k]) * math.sqrt(1.0 + squared)
+            across, out_of_plane, force = 0.0, 0.0, tension[m]
+            for i in range(size):
+                slope = links.slopes[i, k] * q[np.uintp(i * lanes + m)]
+                across += slope if i < links.in_plane else 0.0
+                out_of_plane += 0.0 if i < links.in_plane else slope
+            for a in range(patterns):
+                force += row[np.uintp((1 + a) * lanes + m)] * links.force_patterns[a, k]
+            value = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)
             links.low[k] = value if value < links.low[k] else links.low[k]
             links.high[k] = value if value > links.high[k] else links.high[k]
 
@@ -110,7 +94,7 @@ def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, cho
             (0,), q[m, 0], own.mean_chordwise_forces, chord_tension
         )  # the loads along the normals do not count
         for t in range(times):
-            _chord_tensions(sizes, own, boundary_data[m, t], 0, q[m, t], chord_tension)
+            _chord_tensions(sizes, own, boundary_data[m, t], q[m, t], chord_tension)
             for j in range(tension.shape[2]):
                 across, out_of_plane, force = 0.0, 0.0, chord_tension[0]
                 for i in range(r):

@@ -227,7 +227,7 @@ class _Group:
             _flat(p.ends[members]).reshape(2 * dims, LANES), np.zeros((2 * dims, LANES)),
             np.ascontiguousarray(batch.load[members, :, 0].T), p.mass[members], reference,
         )  # fmt: skip
-        self.rows = np.empty((BLOCK + 1) * columns * LANES)
+        self.rows = np.empty((BLOCK + 1, columns * LANES))
 
     def run(self) -> None:
         """Take all steps, block by block; blocks end at the borders of the window of the extremes."""
@@ -259,24 +259,23 @@ class _Group:
                 kernel.numerov(*shared, rows, count, *outputs)
 
     def _boundary_data(self, begin: int, steps: int) -> np.ndarray:
-        """Return the boundary data of the steps `begin` ... `begin + steps` (steps + 1, columns, lanes), flat."""
+        """Return the boundary data of the steps `begin` ... `begin + steps` (steps + 1, columns lanes)."""
         from cablepod.condensed import _kernels_frame as kernel
 
-        sizes, columns = self.lanes.sizes, 1 + len(self.lanes.sizes.patterns) + len(self.lanes.sizes.normal_loads)
-        before = begin % BLOCK  # rotations start at whole blocks
-        rows = self.rows[: (before + steps + 1) * columns * LANES]
+        sizes, before = self.lanes.sizes, begin % BLOCK  # rotations start at whole blocks
+        rows = self.rows[: before + steps + 1]
         moved, motions, work = self.of_ends
         kernel.boundary_data_of_lanes(
             sizes.lanes, sizes.patterns, begin - before, before + steps, self.instants.steps_per_second, moved, motions, work,
             *self.of_frames, rows,
         )  # fmt: skip
-        return rows[before * columns * LANES :]
+        return rows[before:]
 
     def _keep_boundary_data(self, rows: np.ndarray, begin: int, saved: slice) -> None:
         """Keep the boundary data of the saved steps of a block."""
         if len(self.boundary_data):
-            columns = self.boundary_data.shape[1]
-            self.boundary_data[saved] = rows.reshape(-1, columns, LANES)[self.instants.steps[saved] - begin]
+            kept = self.boundary_data[saved]
+            kept[:] = rows[self.instants.steps[saved] - begin].reshape(kept.shape)
 
     def results(self) -> tuple[np.ndarray, ...]:
         """Return coordinates, rates, boundary data, extremes and monitor, members first."""

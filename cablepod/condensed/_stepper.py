@@ -175,7 +175,7 @@ class CondensedStepper:
 
     def _advance_leading(self, boundary_data: np.ndarray, begin: int, steps: int, record: Record) -> int | None:
         """Advance to leading order; return the steps done, None for an explicit run, which does all."""
-        model, rows = self.run.model, boundary_data.reshape(-1)
+        model, rows = self.run.model, boundary_data
         constant = self.run.scheme in EXPLICIT and len(model.shapes) <= MAX_CONSTANT_SIZE
         shared = model.sizes(constant=constant), model.terms, self.bounds, self.links
         if self.run.scheme not in EXPLICIT:

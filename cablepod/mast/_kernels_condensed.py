@@ -90,7 +90,7 @@ def _guy_forces(of_guys, state, on_mast):
     )  # fmt: skip
     quadratic, linear, tilted = state.quadratic, state.linear, state.tilted
     r, lanes = q.shape[1], q.shape[2]
-    _chord_tensions(of_guys.sizes, of_guys.terms, state.chord, 0, q.reshape(q.size), tension)
+    _chord_tensions(of_guys.sizes, of_guys.terms, state.chord, q.reshape(q.size), tension)
     for g in range(lanes):
         straight[g] = -(tension[g] * numbers[SOFTENING, g] + numbers[STIFFENING, g])
         along[g] = numbers[WEIGHT, g] * state.axis_y[g]  # minus the load along the chord

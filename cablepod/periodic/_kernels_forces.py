@@ -64,18 +64,18 @@ def leading_samples(z, basis, forced, stride, force, force_rate, tangent):
                 q[a] += basis[j, c] * z[c * n + a]
         if force.size == 0:
             _sum_rows(forced.rows, j * stride, omega, omega * omega, row)
-            _chord_tensions(sizes, terms, row, 0, q, tension)
+            _chord_tensions(sizes, terms, row, q, tension)
             least = min(least, _least_force(forced, row, tension[0]))
         # forces are linear in the boundary data: their difference for a change of these is their derivative
         for part in range(0 if has_rate else 1, 2 if force.size > 0 else 1):
             change = 1.0 - part
             second, third = omega + change, omega * (omega + 2.0 * change)
             _sum_rows(forced.rows, j * stride, second, third, row)
-            _forces(sizes, terms, row, 0, q, tension, force[j])
+            _forces(sizes, terms, row, q, tension, force[j])
             for a in range(n if has_rate else 0):
                 force_rate[j, a] = force[j, a] if part == 0 else force_rate[j, a] - force[j, a]
         if tangent.size > 0:
-            _fill_tangent(terms, row, 0, q, tension[0], tangent[j])
+            _fill_tangent(terms, row, q, tension[0], tangent[j])
     return least
 
 
@@ -103,15 +103,15 @@ def damped_samples(q, v, omega, forced, rate_terms, force, force_rate, tangent, 
             change = SMALL_CHANGE * (1.0 - part)
             second, third = omega + change, omega * (omega + 2.0 * change)
             _sum_rows(forced.rows, k, second, third, row)
-            _forces(sizes, terms, row, 0, q[k], tension, force[k])
-            _add_rate_forces(sizes, terms, rate_terms, row, 0, tension, v[k], work, force[k])
+            _forces(sizes, terms, row, q[k], tension, force[k])
+            _add_rate_forces(sizes, terms, rate_terms, row, tension, v[k], work, force[k])
             if part == 0:
                 for a in range(n):
                     force_rate[k, a] = force[k, a]
         for a in range(n):
             force_rate[k, a] = (force_rate[k, a] - force[k, a]) / SMALL_CHANGE
-        _fill_tangent(terms, row, 0, q[k], tension[0], tangent[k])
-        _fill_tangent(terms, row, 0, still, tension[0], damping[k])
+        _fill_tangent(terms, row, q[k], tension[0], tangent[k])
+        _fill_tangent(terms, row, still, tension[0], damping[k])
         slack = not tension[0] > 0.0
         for a in range(n):
             for b in range(n):
