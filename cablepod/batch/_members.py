@@ -258,7 +258,8 @@ def _member_by_member(function: F, scene: xr.Dataset, args: tuple[Any, ...], opt
     single = {**options, "progress": None} if "progress" in options else options
 
     def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
-        result = function(scene.isel(member=i, drop=True), *args, **single)
+        # not drop=True: parameters may be coordinates
+        result = function(scene.isel(member=i).drop_vars("member", errors="ignore"), *args, **single)
         first[:] = [result]
         return arrays_of(result), result.attrs
 

@@ -220,7 +220,7 @@ def warn_of_unusual_mast(p: MastParameters, tension: Any = None) -> None:
 def warn_of_unusual_mast_members(scene: xr.Dataset) -> None:
     """Warn of the worst note on some members of a scene with a mast, in still air."""
     for index in checked_members(range(scene.sizes["member"])) if may_warn() else ():
-        p = mast_parameters(scene.isel(member=index, drop=True))
+        p = mast_parameters(scene.isel(member=index))
         if notes_of_mast(p):
             warn_of_unusual_mast(p)
             return

@@ -50,6 +50,16 @@ def test_failing_members_stop_nobody_else(soft):
         cp.chain.simulate(joined(soft, cable_top_tension=[1.0, 2.0]), step=1e-3)
 
 
+def test_parameters_may_be_coordinates(soft):
+    scenes = cp.make_scene({**soft, "damping": {"mass_proportional": 0.5}})
+    scenes = scenes.assign(damping_mass_proportional=("member", [0.5, 2.0], scenes.damping_mass_proportional.attrs))
+    as_coordinate = scenes.set_coords("damping_mass_proportional")
+    for simulate in (cp.chain.simulate, cp.cable.simulate):  # a batch, and one member after the other
+        run, other = (simulate(given, scheme="trapezoidal", step=0.05) for given in (scenes, as_coordinate))
+        np.testing.assert_array_equal(run.position, other.position)
+        assert not np.array_equal(run.position[0], run.position[1])
+
+
 def test_members_of_different_shape_are_named(soft):
     with pytest.raises(cp.SceneError, match=r"member 1 .*particle.* 6.*; allowed: .*member 0 has .* 9"):
         cp.chain.simulate(joined(soft, chain_links=[8, 5]), step=1e-3)
