@@ -89,7 +89,7 @@ def _mark_breaks(ax: Axes, run: xr.Dataset, time: np.ndarray) -> None:
     if times.size:
         ax.set_ymargin(0.12)  # room for the words
     for instant in times.tolist():
-        guys = np.flatnonzero(breaks == instant) + 1
+        guys = _numbers(run)[breaks == instant]
         what = f"guy {guys[0]} breaks" if guys.size == 1 else f"guys {', '.join(map(str, guys))} break"
         ax.axvline(instant, color="0.3", linewidth=0.8, linestyle=":")
         late = instant > 0.5 * (start + end)
@@ -99,9 +99,16 @@ def _mark_breaks(ax: Axes, run: xr.Dataset, time: np.ndarray) -> None:
         )  # fmt: skip
 
 
+def _numbers(run: xr.Dataset) -> np.ndarray:
+    """Return the numbers of the guys, which may be picked or reordered; from 1 on where the run has none."""
+    if "guy" not in run.coords:
+        return np.arange(1, run.sizes["guy"] + 1)
+    return _style.take("run", run, "guy", ("guy",), TENSIONS.allowed).values
+
+
 def _names_of_guys(run: xr.Dataset) -> list[str]:
     """Return number of each guy, with level and direction where the run has them."""
-    names = [f"guy {g + 1}" for g in range(run.sizes["guy"])]
+    names = [f"guy {number}" for number in _numbers(run)]
     if "guy_level" in run:
         levels = _style.take("run", run, "guy_level", ("guy",), TENSIONS.allowed).values
         names = [f"{name}, {level:g} m" for name, level in zip(names, levels, strict=True)]

@@ -254,6 +254,9 @@ def test_pictures_of_a_mast_mark_what_breaks_and_what_is_not_to_scale():
     breaks[1] = first + 0.75 * (last - first)
     axes = cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks)))
     assert [text.get_text() for text in axes.texts] == ["guy 2 breaks"]
+    picked = cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks)).isel(guy=[2, 1]))
+    assert [text.get_text() for text in picked.texts] == ["guy 2 breaks"]
+    assert [line.get_label().split(",")[0] for line in picked.lines[:2]] == ["guy 3", "guy 2"]
     assert any(list(line.get_xdata()) == [breaks[1]] * 2 for line in axes.lines)
     breaks[1] = last + 1.0  # after the run
     assert not cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks))).texts
