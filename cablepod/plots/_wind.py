@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import Kind, taken
+from cablepod._inputs import Kind, check_units, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.plots import _style
@@ -194,17 +194,20 @@ def tension_cycles(tension: xr.DataArray, cycles: xr.Dataset, *, count: int = 20
     order = np.argsort(size, kind="stable")[-count:]
     ax = _style.axes(ax)
     ax.plot(time, values, color="0.6", linewidth=0.8, label=_named(tension, "tension"))
-    _bars(ax, time, values, [part[order] for part in place], counts[order] == 1.0)
+    units = tension.attrs.get("units", "N")
+    _bars(ax, time, values, [part[order] for part in place], counts[order] == 1.0, units)
     ax.set(xlabel="time [s]")
-    _style.label_axis(ax.yaxis, f"{_long_name(tension, 'tension')} [{tension.attrs.get('units', 'N')}]", values)
+    _style.label_axis(ax.yaxis, f"{_long_name(tension, 'tension')} [{units}]", values)
     ax.grid(alpha=0.3)
     # below the axes, as the colour bar stands beside them
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, frameon=False)
     return ax
 
 
-def _bars(ax: Axes, time: np.ndarray, values: np.ndarray, place: list[np.ndarray], whole: np.ndarray) -> None:
-    """Draw cycles as bars from the value at one reversal to that at the other, with their colour bar."""
+def _bars(
+    ax: Axes, time: np.ndarray, values: np.ndarray, place: list[np.ndarray], whole: np.ndarray, units: str
+) -> None:
+    """Draw cycles as bars from the value at one reversal to that at the other, with their colour bar in the units given."""
     from matplotlib.collections import LineCollection
 
     begin, end = place
@@ -218,7 +221,7 @@ def _bars(ax: Axes, time: np.ndarray, values: np.ndarray, place: list[np.ndarray
             drawn.set_clim(0.0, float(size.max()))
             ax.add_collection(drawn)
     if drawn is not None:
-        _style.label_axis(ax.figure.colorbar(drawn, ax=ax, pad=0.02).ax.yaxis, "range of the cycle [N]", size)
+        _style.label_axis(ax.figure.colorbar(drawn, ax=ax, pad=0.02).ax.yaxis, f"range of the cycle [{units}]", size)
 
 
 def _series(key: str, given: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -227,6 +230,7 @@ def _series(key: str, given: Any) -> tuple[np.ndarray, np.ndarray]:
         raise scene_error(key, type(given).__name__, SERIES)
     if given.dims != ("time",) or "time" not in given.coords or given.sizes["time"] < 3:
         raise SceneError(f"{key}: given {dict(given.sizes)}; allowed: {SERIES}, of at least three instants")
+    check_units(f"{key}: time", given["time"], "s")
     time, values = given["time"].values, given.values
     if time.dtype.kind not in "iuf" or values.dtype.kind not in "iuf" or not np.isfinite(values).all():
         raise SceneError(f"{key}: given values that are not finite numbers; allowed: {SERIES}")

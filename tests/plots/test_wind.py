@@ -75,6 +75,14 @@ def test_cycles_are_bars_of_their_ranges():
     ]
 
 
+def test_colours_of_cycles_have_the_units_of_the_series():
+    for units, size in (("N", 1e4), ("kN", 10.0), ("MPa", 200.0)):
+        tension = series(size * np.sin(TIME), long_name="force").assign_attrs(units=units)
+        axis, bar = plots.tension_cycles(tension, cp.fatigue.ranges(tension)).figure.axes
+        shown = "kN" if units == "N" else units
+        assert (axis.get_ylabel(), bar.get_ylabel()) == (f"force [{shown}]", f"range of the cycle [{shown}]")
+
+
 def test_real_gusts_are_drawn():
     guy = {
         "cable": {"strand": "EHS 1/2 in", "top_tension": 15000.0, "diameter": 0.0127},
@@ -110,6 +118,10 @@ WRONG = {
     "two dimensions": (lambda: plots.spectra(SINE.expand_dims(link=2), SINE), "^response: given "),
     "uneven": (lambda: plots.spectra(SINE[[0, 1, *range(3, 99)]], SINE), "^response: given instants at unequal intervals"),
     "falling": (lambda: plots.spectra(SINE[::-1], SINE), "^response: given instants that do not rise"),
+    "milliseconds": (
+        lambda: plots.spectra(SINE.assign_coords(time=SINE.time.assign_attrs(units="ms")), SINE),
+        "^response: time: given units 'ms'; allowed: s",
+    ),
     "nan": (lambda: plots.spectra(series(np.nan * TIME), SINE), "^response: given values that are not finite"),
     "constant": (lambda: plots.spectra(SINE, series(0.0 * TIME + 3.0)), "^forcing: given a constant series"),
     "segments": (lambda: plots.spectra(SINE, SINE, segments=1000), "^segments: given 1000; allowed: at most 499"),
