@@ -176,8 +176,10 @@ def _instants(series: xr.DataArray, dim: str) -> np.ndarray:
     elif units != "s" and powers(str(units)) != {"s": 1}:
         raise SceneError(f"series: given a coordinate {dim} in {units}; allowed: {dim} [s]")
     place = np.asarray(place, dtype=float)
-    if not (place[1:] > place[:-1]).all():
-        raise SceneError(f"series: given a coordinate {dim} that does not rise; allowed: increasing instants [s]")
+    if not (place[1:] > place[:-1]).all() or not np.isfinite(place[[0, -1]]).all():
+        raise SceneError(
+            f"series: given a coordinate {dim} that does not rise; allowed: increasing, finite instants [s]"
+        )
     return place
 
 

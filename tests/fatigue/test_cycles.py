@@ -209,6 +209,12 @@ def test_the_duration_is_in_seconds():
             cp.fatigue.equivalent(other)
 
 
+def test_a_duration_without_end_is_refused():
+    series = xr.DataArray([0.0, 4.0, 0.0], dims="time", coords={"time": [0.0, 1.0, np.inf]})
+    with pytest.raises(cp.SceneError, match=r"series: given a coordinate time that does not rise; allowed: .*finite"):
+        cp.fatigue.equivalent(series)
+
+
 def test_instants_that_cut_cycles_are_told_of():
     """Of masts, where every second instant misses more than 8 % of the equivalent range."""
     scene, ranges = small(windy), []
