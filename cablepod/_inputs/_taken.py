@@ -226,6 +226,29 @@ def check_units(key: str, given: Any, units: str) -> None:
         raise SceneError(f"{key}: given units {own!r}; allowed: {units}")
 
 
+def numbers_in(key: str, given: Any, units: str, allowed: str) -> np.ndarray:
+    """Return finite numbers as floats (n,); refuse others, and those that are labelled with other units."""
+    check_units(key, given, units)
+    try:
+        array = np.atleast_1d(np.asarray(given))
+        # complex numbers, dates, differences of times and texts, which numpy would convert
+        numbers = np.full(1, np.nan) if array.dtype.kind in "cmMSU" else array.astype(float)
+    except (OverflowError, TypeError, ValueError):
+        raise scene_error(key, given, allowed) from None
+    if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
+        raise scene_error(key, given, allowed)
+    return numbers
+
+
+def check_times(times: Any) -> np.ndarray:
+    """Return output times as floats [s]; refuse them unless they are finite, rising and not negative."""
+    allowed = "finite, rising instants from 0 on [s]"
+    result = numbers_in("times", times, "s", allowed)
+    if result[0] < 0.0 or (np.diff(result) <= 0.0).any():
+        raise scene_error("times", times, allowed)
+    return result
+
+
 @lru_cache(256)
 def powers(units: str) -> dict[str, int] | None:
     """Return the powers of the units in a text such as "m s-1", "m/s" or "meter / second"; None for any other text."""

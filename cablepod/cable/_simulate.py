@@ -9,6 +9,7 @@ from typing import Any
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import check_times
 from cablepod._resources import check_bytes
 from cablepod.batch._members import BatchPlan, over_members, over_members_by
 from cablepod.cable._air import MeshAir
@@ -23,7 +24,7 @@ from cablepod.errors import NotConvergedWarning, SceneError, warn
 from cablepod.integrate._coarse import driven_of, end_time_of, warn_of_few_elements
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
-from cablepod.integrate._request import Request, check_times
+from cablepod.integrate._request import Request
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members, parameters

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod._inputs import SCENE, taken
+from cablepod._inputs import SCENE, check_units, taken
 from cablepod.catenary._piecewise import is_piecewise
 from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenaries, solve_statics
 from cablepod.conventions import COORDINATES, STILL_AIR, label
-from cablepod.errors import SceneError, warn
+from cablepod.errors import SceneError, scene_error, warn
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._keys import CATENARY_KEYS, exactly_one
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
+
+#: Units of the arguments of :func:`solve` that are no forces.
+UNITS = {"span": "m", "rise": "m", "load": "N m-1", "unstretched_length": "m"}
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
@@ -141,7 +146,8 @@ def solve(
     Raises
     ------
     SceneError
-        If one cable has no solution.  The message names its index and the reason, for instance the least tension.
+        If one cable has no solution.  The message names its index and the reason, for instance the least tension.  For arrays
+        of different shapes, and what is no number or in other units.
 
     Examples
     --------
@@ -155,7 +161,7 @@ def solve(
     key = exactly_one("given", given, CATENARY_KEYS)
     if len(given) > 1:
         raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(CATENARY_KEYS)}")
-    arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (span, rise, load, stiffness, given[key])))
+    arrays = _broadcast({"span": span, "rise": rise, "load": load, "stiffness": stiffness, key: given[key]})
     a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
     plane = a, b, np.hypot(a, b), q
     solutions, status = solve_catenaries(plane, k, key, value)
@@ -165,3 +171,21 @@ def solve(
         numbers = [float(array[i]) for array in (*plane, k, value)]
         check_solved(int(status[i]), numbers[:4], numbers[4], key, numbers[5], name=f"{key}[{i}]")
     return {name: solutions[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}
+
+
+def _broadcast(given: dict[str, Any]) -> tuple[np.ndarray, ...]:
+    """Return numbers by name as floats of a common shape; refuse others, and those that are labelled with other units."""
+    arrays = []
+    for name, value in given.items():
+        check_units(name, value, UNITS.get(name, "N"))
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiu":  # texts, dates and truth values, which numpy would convert
+            raise scene_error(name, value, "numbers")
+        arrays.append(array.astype(float))
+    try:
+        return np.broadcast_arrays(*arrays)
+    except ValueError:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(given, arrays, strict=True))
+        raise SceneError(
+            f"{', '.join(given)}: given the shapes {shapes}; allowed: one shape, or single numbers"
+        ) from None

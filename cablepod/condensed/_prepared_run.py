@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import check_times
 from cablepod.condensed import _kernels_layout as layout
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
@@ -25,7 +26,7 @@ from cablepod.condensed._runs import SCHEMES, CondensedRun, initial_state
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.integrate._particle_air import OF_DRAG
-from cablepod.integrate._request import check_resolved, check_step, check_times
+from cablepod.integrate._request import check_resolved, check_step
 from cablepod.reduced._validity import CHECKS, check_forcing, forcing_attributes
 from cablepod.wind._air import air_of
 

@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import taken
+from cablepod._inputs import check_times, taken
 from cablepod._models import Model, model_of
 from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
@@ -33,7 +33,7 @@ from cablepod.ensemble._job import Done, compute, inputs_of, run_batch, synchron
 from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, warn
-from cablepod.integrate._request import Request, check_times
+from cablepod.integrate._request import Request
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import check_units
+from cablepod._inputs import check_times
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
 from cablepod.integrate._means import wants_means
@@ -29,21 +29,6 @@ MAX_STEP_RATIO = 0.25
 #: Maximum number of steps of a given length (weeks), and without a warning (some minutes of a chain of 40 links); number of steps
 #: in a minute of the fastest models.
 MAX_GIVEN_STEPS, MAX_SILENT_STEPS, STEPS_PER_MINUTE = 1e13, 1e9, 6e8
-
-
-def check_times(times: Any) -> np.ndarray:
-    """Return output times as floats [s]; refuse them unless they are finite, rising and not negative."""
-    check_units("times", times, "s")
-    try:
-        given = np.atleast_1d(np.asarray(times))
-        # complex numbers, instants and texts, which numpy would convert
-        result = np.full(1, np.nan) if given.dtype.kind in "cmMSU" else given.astype(float)
-    except (OverflowError, TypeError, ValueError):
-        raise scene_error("times", times, "finite, rising instants from 0 on [s]") from None
-    is_valid = result.ndim == 1 and result.size > 0 and np.isfinite(result).all() and result[0] >= 0
-    if not is_valid or (np.diff(result) <= 0).any():
-        raise scene_error("times", times, "finite, rising instants from 0 on [s]")
-    return result
 
 
 def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import NORMAL_MODES, taken
+from cablepod._inputs import NORMAL_MODES, check_times, taken
 from cablepod._resources import check_memory
 from cablepod.batch._members import inside_members
 from cablepod.errors import (
@@ -22,7 +22,7 @@ from cablepod.errors import (
     scene_error,
     warn,
 )
-from cablepod.integrate._request import check_outputs, check_times
+from cablepod.integrate._request import check_outputs
 from cablepod.mast import _output as output
 from cablepod.mast._beam import slopes_of, warn_of_slopes
 from cablepod.mast._catenary_run import CatenaryGuys

@@ -92,6 +92,7 @@ def stability_map(
 
     def one(scene: xr.Dataset, progress: Callable[[float], None]) -> xr.Dataset:
         model, _ = model_of(scene, modes, rank=rank, order="leading", out_of_plane=out_of_plane)
+        check_units("amplitude", amplitude, model.forcing.units)
         if not model.forcing.amplitude:
             raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")
         size = 8.0 * amplitudes.size * (omegas.size * (12 + 2 * HARMONICS) + SAMPLES * model.size) * model.size

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, check_units, floats, powers, taken
+from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, floats, numbers_in, powers, taken
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, is_rising, label, shared_coordinates
 from cablepod.discretisation._chain import chain_of
@@ -263,13 +263,10 @@ def _values(key: str, array: xr.DataArray) -> np.ndarray:
     return values
 
 
-def _rising(key: str, given: Any, count: int, allowed: str) -> np.ndarray:
+def _rising(key: str, given: Any, units: str, count: int, allowed: str) -> np.ndarray:
     """Return finite numbers that rise as floats in an array of our own; refuse others."""
-    try:
-        numbers = np.array(given, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise scene_error(key, given, allowed) from None
-    if numbers.shape != (count,) or not np.isfinite(numbers).all() or not is_rising(numbers):
+    numbers = numbers_in(key, given, units, allowed)
+    if numbers.shape != (count,) or not is_rising(numbers):
         raise scene_error(key, numbers.tolist(), allowed)
     return numbers
 
@@ -286,8 +283,7 @@ def _arc_length(array: xr.DataArray, given: Any, p: Parameters | None, key: str)
         assert p is not None
         return floats(chain_of(p, particles - 1).arc_length.copy())
     allowed = f"{particles} numbers that rise from 0 to the unstretched length [m]"
-    check_units("arc_length", given, "m")
-    lengths = _rising("arc_length", given, particles, allowed)
+    lengths = _rising("arc_length", given, "m", particles, allowed)
     if abs(lengths[0]) > ROUNDING * lengths[-1]:
         raise scene_error("arc_length", lengths.tolist(), allowed)
     lengths[0] = 0.0
@@ -310,14 +306,14 @@ def _instants(array: xr.DataArray, times: Any, p: Parameters | None) -> np.ndarr
     """Return the instants [s], None where nobody knows them."""
     count = array.sizes["time"]
     if times is None and "time" in array.coords:
-        times = array.coords["time"].values
+        times = array.coords["time"]
     if times is None:
         if p is None:
             return None
         times = p.times()
         if times.size != count:
             raise scene_error("times", f"none with {count} instants", f"times=, or the {times.size} of the scene")
-    return _rising("times", times, count, f"{count} finite, rising instants [s]")
+    return _rising("times", times, "s", count, f"{count} finite, rising instants [s]")
 
 
 def _check_ends(values: np.ndarray, instants: np.ndarray | None, p: Parameters) -> None:

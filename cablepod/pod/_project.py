@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, MOTION, ROUNDING, TIMED, floats, taken
+from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, MOTION, ROUNDING, TIMED, floats, numbers_in, taken
 from cablepod.conventions import label, shared_coordinates
 from cablepod.discretisation._lifting import line_between
 from cablepod.errors import SceneError, scene_error
@@ -70,12 +70,8 @@ def at_times(trajectory: xr.Dataset, *, times: ArrayLike) -> xr.Dataset:
         If the trajectory does not contain an instant.
     """
     trajectory = taken("trajectory", trajectory, TIMED)
-    try:
-        available, wanted = trajectory["time"].values, np.atleast_1d(np.asarray(times, dtype=float))
-    except (TypeError, ValueError, OverflowError):
-        raise scene_error("times", times, "instants of the trajectory [s]") from None
-    if wanted.ndim != 1 or not wanted.size or not np.isfinite(wanted).all():
-        raise scene_error("times", times, "finite instants of the trajectory [s]")
+    available = trajectory["time"].values
+    wanted = numbers_in("times", times, "s", "finite instants of the trajectory [s]")
     right = np.clip(np.searchsorted(available, wanted), min(1, available.size - 1), available.size - 1)
     nearest = np.where(wanted - available[right - 1] < available[right] - wanted, right - 1, right)
     off = np.abs(available[nearest] - wanted) > 1e-9 * np.maximum(1.0, np.abs(wanted))

@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import check_units
+from cablepod._inputs import check_times, check_units
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._checks import integer, numbers_list, point
+from cablepod.parameters._checks import integer, point
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import scene_kind
@@ -96,9 +96,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
             raise SceneError("times: missing; allowed: instants [s], or a scene with time.duration")
         time = INTERVAL * np.arange(instants_until(p.duration))
     else:
-        time = np.array(numbers_list()("times", np.asarray(times).tolist() if _is_array(times) else times))
-        if time[0] < 0.0 or (np.diff(time) <= 0.0).any():
-            raise scene_error("times", times, "finite, rising instants from 0 on [s]")
+        time = check_times(times)
     dims = 3 if is_mast else p.dims
     position, number, sigma = _points_of(p, points, dims)
     if has_record(p) or (is_mast and points is None):
