@@ -73,7 +73,11 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
         raise scene_error(f"{key}: {name}", f"{variable.dims} of type {arc.dtype}", f"numbers over {dim} [m]")
     if arc.ndim > 1:
         place = variable.dims.index(dim)
-        return _common_order(np.moveaxis(arc, place, -1).reshape(-1, arc.shape[place]))
+        rows = np.moveaxis(arc, place, -1).reshape(-1, arc.shape[place])
+        common = _common_order(rows)
+        if dim == "particle":
+            _check_ends(f"{key}: {name}", rows if common is None else rows[:, common], length)
+        return common
     order, rises = None, is_rising(arc)
     if not rises:
         order = np.argsort(arc)
@@ -83,13 +87,19 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
     if arc.size < (2 if dim == "particle" else 1) or not rises or not math.isfinite(first) or not math.isfinite(last):
         raise scene_error(f"{key}: {name}", variable.values.tolist(), f"those of the {dim}s, {RISING}, each once")
     if dim == "particle":
-        end: Any = last
-        if length is not None and not length.dims and length.dtype.kind in "fiu":
-            end = float(length.values)
-        if not (abs(first) <= ROUNDING * last and abs(last - end) <= ROUNDING * last):
-            given = f"{first:g} ... {last:g} m of {end:g} m"
-            raise scene_error(f"{key}: {name}", given, f"those of the {dim}s, {RISING}, 0, to the unstretched length")
+        _check_ends(f"{key}: {name}", arc[None], length)
     return order
+
+
+def _check_ends(key: str, rows: np.ndarray, length: xr.Variable | None) -> None:
+    """Refuse places of particles (members, particle) that are not from 0 to the unstretched length; nan is that of no particle."""
+    lasts = rows[:, -1].tolist()
+    is_own = length is not None and length.dtype.kind in "fiu" and length.size == len(rows)
+    ends = length.values.ravel().tolist() if length is not None and is_own else lasts
+    for first, last, end in zip(rows[:, 0].tolist(), lasts, ends, strict=True):  # arrays would take longer for one
+        if abs(first) > ROUNDING * last or abs(last - end) > ROUNDING * last:
+            given = f"{first:g} ... {last:g} m of {end:g} m"
+            raise scene_error(key, given, f"those of the particles, {RISING}, 0, to the unstretched length")
 
 
 def _common_order(rows: np.ndarray) -> np.ndarray | None:

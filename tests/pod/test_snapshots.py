@@ -7,6 +7,7 @@ import dask.array as da
 import numpy as np
 import pytest
 import xarray as xr
+from scenes import SOFT
 from spectra import STEEP, sines, trajectory, turning
 from threadpoolctl import threadpool_limits
 
@@ -155,6 +156,18 @@ def test_members_are_pooled_also_in_chunks():
     other = scaled.assign_coords(arc_length=(("member", "particle"), lengths))
     with pytest.raises(cp.SceneError, match=r"different S / L0, the members \[3\] differ"):
         cp.pod.decompose(other.chunk({"member": 1}))
+
+
+def test_members_without_some_of_their_particles_are_refused():
+    scene = cp.make_scene(SOFT)
+    scenes = scene.assign(cable_top_tension=("member", [200.0, 300.0], scene.cable_top_tension.attrs))
+    run = cp.chain.simulate(scenes, scheme="trapezoidal", step=0.05)
+    backwards = run.isel(particle=slice(None, None, -1))
+    for part, last in ((slice(0, 5), "5.* m of 1"), (slice(1, None), "m of 1")):
+        for given in (run, backwards):
+            with pytest.raises(cp.SceneError, match=rf"snapshots: arc_length: given '.*{last}.*allowed: .*to the unstretched"):
+                cp.pod.decompose(given.isel(particle=part))
+    assert np.array_equal(cp.pod.decompose(run).singular_value, cp.pod.decompose(backwards).singular_value)
 
 
 def test_a_coordinate_at_rest_among_moving_ones_of_many_features():
