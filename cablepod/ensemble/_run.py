@@ -247,6 +247,9 @@ def _prepare(
     _check_shapes(scenes, chosen, resolved)
     if "member" not in scenes.coords:
         scenes = scenes.assign_coords(member=np.arange(scenes.sizes["member"]))
+    names = scenes["member"].values
+    if names.dtype.kind not in "iu" or np.unique(names).size < names.size:  # by which failures and errors are kept
+        raise scene_error("scenes: member", names.tolist(), "different whole numbers, or none")
     scenes = with_own_id(scenes).assign_attrs(stage="scenes")
     modes = None if modes is None else with_own_id(modes)
     _try_options(scenes, chosen, modes, resolved, {*options, "model", "modes", "layout", "times", "time"})

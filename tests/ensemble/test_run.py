@@ -216,6 +216,15 @@ def test_scenes_that_give_no_single_array_are_refused(scenes_of, soft, tmp_path)
             cp.ensemble.run(wrong, tmp_path / "other")
 
 
+@pytest.mark.parametrize("names", [["a", "b", "c"], [0.2, 0.7, 1.2], [1, 1, 2]], ids=["words", "parts", "twice"])
+def test_members_are_told_by_different_whole_numbers(scenes_of, tmp_path, names):
+    scenes = scenes_of(3).assign_coords(member=names)
+    for run in (lambda: cp.ensemble.run(scenes, tmp_path / "it"), lambda: cp.ensemble.batches(scenes)):
+        with pytest.raises(cp.SceneError, match=r"^scenes: member: given .*; allowed: different whole numbers"):
+            run()
+    assert not (tmp_path / "it").exists()
+
+
 @pytest.mark.filterwarnings("ignore::cablepod.errors.OutOfRangeWarning")  # two modes of a chain in a short run
 def test_modes_made_again_with_other_rounding_go_on_with_an_ensemble(tmp_path, soft, monkeypatch):
     scene = cp.make_scene(soft)
