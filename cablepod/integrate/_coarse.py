@@ -109,7 +109,7 @@ def warn_of_few_links_in(members: Members, links: int | None, times: np.ndarray 
         count = links or members[i].links
         needs[i] = driven_of(members[i], end_time_of(members[i], times)).links / count if count else 0.0
     worst = max(needs, key=needs.__getitem__)
-    count, prefix = links or members[worst].links, f"member {worst} of {len(members)}: "
+    count, prefix = links or members[worst].links, f"member {members.name(worst)}, the worst of {len(members)}: "
     warn_of_few_links(members[worst], count or 0, end_time_of(members[worst], times), prefix=prefix)
 
 

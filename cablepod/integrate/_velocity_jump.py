@@ -64,7 +64,7 @@ def warn_of_members(scene: xr.Dataset) -> None:
         return  # the run of that member says why
     fastest = int(speeds.argmax())
     if speeds[fastest] > 0.0:
-        prefix = f"member {fastest} of {len(members)}, whose ends start fastest: "
+        prefix = f"member {members.name(fastest)}, whose ends start fastest of {len(members)}: "
         warn_of_velocity_jump(members[fastest], prefix=prefix)
 
 

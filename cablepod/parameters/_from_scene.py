@@ -126,6 +126,10 @@ class Members(Sequence[Parameters]):
             )
         )
 
+    def name(self, index: int) -> str:
+        """Return the label of a member, which in the batch of an ensemble is not its place; its place without labels."""
+        return str(self.varied["member"][index] if "member" in self.varied else index)
+
     @property
     def can_be_stacked(self) -> bool:
         """Whether the members differ in numbers only, and have no term that :meth:`stacked` does not cover."""

@@ -207,7 +207,7 @@ def test_the_member_that_needs_most_links_is_named_once():
     scenes = cp.ensemble.design(examples.scene("example3"), {"motion.upper.x.angular_frequency": [0.05, 0.8, 3]})
     found = coarse(lambda: cp.chain.simulate(scenes, links=12, times=[0.0, 60.0], step=1e-3))
     assert len(found) == 1
-    assert found[0].startswith("member 2 of 3: links: given 12")
+    assert found[0].startswith("member 2, the worst of 3: links: given 12")
     found = coarse(lambda: cp.cable.simulate(scenes, elements=1, order=3, times=[0.0, 60.0], step=1e-3))
     assert len(found) == 1
     assert found[0].startswith("elements: given 1 of order 3")

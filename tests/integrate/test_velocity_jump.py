@@ -98,8 +98,10 @@ def test_members_warn_once(taut, model):
     scenes = cp.ensemble.design(cp.make_scene(tables), ranges, members=3)
     (warning,) = jumps(model, scenes, modes)
     fastest = int(scenes.motion_upper_x_amplitude.values.argmax())
-    assert str(warning.message).startswith(f"member {fastest} of 3, whose ends start fastest: motion.upper.x: starts")
+    assert str(warning.message).startswith(f"member {fastest}, whose ends start fastest of 3: motion.upper.x: starts")
     assert warning.filename == __file__
+    (warning,) = jumps(model, scenes.assign_coords(member=[64, 65, 66]), modes)  # as in a batch of an ensemble
+    assert str(warning.message).startswith(f"member {64 + fastest}, whose ends start fastest of 3: ")
     ramps = cp.ensemble.design(cp.make_scene(tables), {"motion.upper.x.ramp": [2.0, 3.0]}, members=3)
     assert jumps(model, ramps, modes) == []
 

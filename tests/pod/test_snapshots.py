@@ -165,7 +165,9 @@ def test_members_without_some_of_their_particles_are_refused():
     backwards = run.isel(particle=slice(None, None, -1))
     for part, last in ((slice(0, 5), "5.* m of 1"), (slice(1, None), "m of 1")):
         for given in (run, backwards):
-            with pytest.raises(cp.SceneError, match=rf"snapshots: arc_length: given '.*{last}.*allowed: .*to the unstretched"):
+            with pytest.raises(
+                cp.SceneError, match=rf"snapshots: arc_length: given '.*{last}.*allowed: .*to the unstretched"
+            ):
                 cp.pod.decompose(given.isel(particle=part))
     assert np.array_equal(cp.pod.decompose(run).singular_value, cp.pod.decompose(backwards).singular_value)
 
