@@ -92,7 +92,7 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
 
 
 def _check_ends(key: str, rows: np.ndarray, length: xr.Variable | None) -> None:
-    """Refuse places of particles (members, particle) that are not from 0 to the unstretched length; nan is that of no particle."""
+    """Refuse places of particles (members, particle) that are not from 0 to the unstretched length; nan is no particle."""
     lasts = rows[:, -1].tolist()
     is_own = length is not None and length.dtype.kind in "fiu" and length.size == len(rows)
     ends = length.values.ravel().tolist() if length is not None and is_own else lasts

@@ -102,6 +102,13 @@ def test_variables_of_a_dataset_and_their_labels():
     xr.testing.assert_equal(shuffled.transpose(*result.dims), result)
 
 
+def test_peaks_of_an_array_are_written_and_shown(tmp_path):
+    peaks = cp.extremes.peaks(drawn(2, 5))
+    cp.archive.write(peaks, tmp_path / "peaks.nc")
+    assert np.array_equal(cp.archive.read(tmp_path / "peaks.nc")["mean"], peaks["mean"])
+    assert cp.plots.report(peaks, tmp_path / "peaks.html").stat().st_size
+
+
 def test_failed_members_are_left_out():
     data = drawn(3, 8)
     holed = data.copy(deep=True)

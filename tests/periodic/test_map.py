@@ -108,13 +108,15 @@ def test_members_have_the_maps_of_single_scenes(key, values, tmp_path):
     cp.archive.write(found, tmp_path / "map.nc")
 
 
-def test_loads_alone_are_scaled_by_their_factor():
+def test_loads_alone_are_scaled_by_their_factor(tmp_path):
     scene = loaded(0.4, 7.0, 0.05)
     modes = cp.condensed.vibration_modes(scene, rank=1)
     found = cp.periodic.stability_map(scene, modes, frequency=[5.0, 6.0], amplitude=[0.5, 1.0])
     orbit = cp.periodic.orbit(loaded(0.4, 6.0, 0.05), modes, outputs=())
     assert float(found.response[1, 1]) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
-    assert found.amplitude.attrs["units"] == "1"
+    assert found.amplitude.attrs["units"] == found.edge_amplitude.attrs["units"] == "1"
+    cp.archive.write(found, tmp_path / "map.nc")
+    assert cp.plots.stability_map(found).get_ylabel().endswith("factor of a load [1]")
 
 
 def test_a_map_that_no_memory_holds_is_refused():
