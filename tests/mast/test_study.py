@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from mast_scenes import SMALL, small, small_tables, windy
 from printed import printed
+from scene_files import toml_of
 
 import cablepod as cp
-from cablepod import lineage
+from cablepod import cli, lineage
 from cablepod.errors import ArchiveError
 
 
@@ -33,6 +34,26 @@ def test_a_study_has_the_numbers_of_its_parts(tmp_path):
     assert cp.archive.read(tmp_path / "out" / "guys.nc").fatigue_range.equals(guys.fatigue_range)
     with pytest.raises(ArchiveError, match=r"^out: "):
         cp.study.run(scene, tmp_path / "out")
+
+
+def test_a_turned_mast_has_the_same_numbers(tmp_path, capsys):
+    def answers(angle):
+        along = [float(np.cos(angle)), 0.0, float(np.sin(angle))]
+
+        def turn(mapping):
+            windy(mapping)
+            mapping["wind"] = {**mapping["wind"], "direction": along}
+            mapping["guy"] = [{**guy, "direction": [-x for x in along]} for guy in mapping["guy"]]
+
+        path = tmp_path / "mast.toml"
+        path.write_text(toml_of(small_tables(turn)))
+        assert cli.main(["run", str(path), "--out", str(tmp_path / f"{angle:g}"), "--json"]) == 0
+        return json.loads(capsys.readouterr().out)["answers"]
+
+    one, other = answers(0.0), answers(np.pi / 4.0)
+    for name in one:
+        if name.startswith("largest_"):
+            assert other[name] == pytest.approx(one[name], rel=1e-6), name
 
 
 def test_an_ensemble_on_disk_goes_on_where_it_was(tmp_path):
