@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from pathlib import Path
 
 import numpy as np
 
+from cablepod._inputs import powers
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import LARGEST, SMALLEST
 
@@ -63,6 +65,10 @@ def read_record(key: str, path: Path) -> dict[str, list[float]]:
     header = [name.strip() for name in rows[0]]
     if len(header) != 2 or header.count("time") != 1:
         raise SceneError(f"{key}: {name} has the columns {shown(', '.join(header))}; allowed: {allowed}")
+    units = "m" if "motion." in key else "1"
+    stated = re.search(r"\[(.*)\]", header[1 - header.index("time")])
+    if stated and powers(stated[1]) != powers(units):
+        raise SceneError(f"{key}: {name} has values in {shown(stated[1])}; allowed: {units}, or a column without units")
     table = []
     for number, row in enumerate(rows[1:], start=1):
         try:

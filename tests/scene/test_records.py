@@ -35,6 +35,7 @@ RECORDS = {
     "binary": (b"time,value\n\xff\xfe\x00\x01", r"binary or not UTF-8; allowed: a record, a CSV file .* in text form$"),
     "nul": (b"\x00\x01\x02" * 99, r"has the columns '.x00.*; allowed: a CSV file with a header"),
     "three columns": (csv(ROWS, "time,x,y"), r"has the columns 'time, x, y'; allowed: a CSV file with a header"),
+    "millimetres": (csv(ROWS, "time,x [mm]"), r"has values in 'mm'; allowed: [m1], or a column without units$"),
     "one column": (csv([(0,)] * 5, "time"), r"has the columns 'time'; allowed: a CSV file with a header"),
     "no time": (csv(ROWS, "t,value"), r"has the columns 't, value'; allowed: a CSV file with a header"),
     "two times": (csv(ROWS, "time,time"), r"has the columns 'time, time'; allowed: a CSV file with a header"),
