@@ -51,7 +51,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
         "largest_foot_force_horizontal": float(motion["foot_force_horizontal_largest"]),
         "largest_anchor_force": float(anchors.max()) if anchors.size else None,
         "largest_anchor_force_guy": int(anchors.argmax()) + 1 if anchors.size else None,
-        "error_estimate": float(motion.attrs["error_estimate"]) if "error_estimate" in motion.attrs else None,
+        "error_estimate": _number(motion.attrs.get("error_estimate", math.nan)),
         "step": float(motion.attrs["step"]),
         "wall_time_s": float(motion.attrs["wall_time_s"]),
         "compile_time_s": float(study.attrs["compile_time_s"]),
@@ -148,8 +148,8 @@ def text(study: xr.DataTree, folder: Path) -> str:
         line = f"{row['guy']:>3}{row['level']:>11g}{direction(anchor[0], anchor[2]):>10}{place(np.array(anchor)):>21}"
         line += f"{1e-3 * row['rest']:>9.3f}{columns(row)}"
         if "utilisation" in row:
-            used = 100.0 * row["utilisation"]
-            line += f"{used:>6.1f} %" if used < 999.95 else f"{'>999':>6} %"
+            used = row["utilisation"]
+            line += f"{'-':>8}" if used is None else f"{100.0 * used:>6.1f} %" if used < 9.9995 else f"{'>999':>6} %"
         if "breaks" in row:
             line += f"  breaks at {row['breaks']:g} s"
         lines.append(line)
@@ -196,6 +196,11 @@ def _after_break(rest: Any) -> list[str]:
     return [f"             that is with all guys; {left} without those that break, {names}"]
 
 
+def _number(value: Any) -> float | None:
+    """Return a finite number; None for nan, such as the utilisation of a guy without breaking strength."""
+    return float(value) if math.isfinite(float(value)) else None
+
+
 def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
     """Return the rows of the printed table, a guy each; [N, s]."""
     if "guys" not in study:
@@ -208,7 +213,7 @@ def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
             "level": float(guys["guy_level"][g]),
             "anchor": guys["anchor"][g].values.tolist(),
             **{
-                name: float(np.asarray(guys[variable][g]))
+                name: _number(guys[variable][g])
                 for name, variable in (
                     ("rest", "guy_tension_rest"), ("mean", "guy_tension_mean"), ("std", "guy_tension_std"),
                     ("least", "guy_tension_minimum"), ("peak", "guy_tension_maximum"), ("peak_time", "guy_tension_maximum_time"),

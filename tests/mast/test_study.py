@@ -56,6 +56,26 @@ def test_a_turned_mast_has_the_same_numbers(tmp_path, capsys):
             assert other[name] == pytest.approx(one[name], rel=1e-6), name
 
 
+def test_a_guy_without_breaking_strength_has_no_utilisation(tmp_path, capsys):
+    def change(mapping):
+        mapping["cables"]["strong"] = {**mapping["cables"]["guy"], "breaking_strength": 5e4}
+        mapping["guy"] = [
+            {**mapping["guy"][0], "cable": name, "level": level} for name, level in (("guy", 20.0), ("strong", 28.0))
+        ]
+
+    path = tmp_path / "mast.toml"
+    path.write_text(toml_of(small_tables(change)))
+    command = ["run", str(path), "--out", str(tmp_path / "out"), "--overwrite"]
+    assert cli.main([*command, "--json"]) == 0
+    guys = json.loads(capsys.readouterr().out)["guys"]
+    assert [guy["utilisation"] is None for guy in guys] == [True] * 3 + [False] * 3
+    assert guys[3]["utilisation"] == pytest.approx(guys[3]["peak"] / 5e4)
+    assert cli.main(command) == 0
+    lines = capsys.readouterr().out.split("  used\n")[1].split("\n")
+    assert [line.split()[-1] for line in lines[:6]] == ["-"] * 3 + ["%"] * 3
+    assert f"{100.0 * guys[3]['utilisation']:.1f} %" in lines[3]
+
+
 def test_an_ensemble_on_disk_goes_on_where_it_was(tmp_path):
     members = cp.ensemble.design(small(), {"guy.1.top_tension": [4500.0, 5500.0]}, members=3, sampling="grid")
     kept = cp.ensemble.run(members, tmp_path / "masts", model="mast", step=0.02)
