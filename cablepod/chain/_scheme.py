@@ -130,13 +130,15 @@ def solve(ready: PreparedScene, request: ChainRequest) -> Solution:
 
 
 def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
-    """Add the estimate of the error in space, where it is an output, by a companion run with fewer links; nan if that stops."""
+    """Add the estimate of the error in space, where it is an output, by a companion run with fewer links; nan without one."""
     if "error_estimate" not in request.outputs:
         return solved
     run, rate, links = solved.run, solved.steps_per_second, solved.run.chain.links
     is_given = solved.time_error is None
     part = 1.0 / (rate * run.step_limit) if run.scheme == SCHEMES[0] else None
     fewer = companion_cells(links, part, is_given=is_given)
+    if fewer < 2:  # no inner particle
+        return solved._replace(space_error=math.nan)
     p = _with_links(run.chain.p, fewer)
     every = 2 if is_given and part is None and run.times.size >= MANY_TIMES else 1
     try:

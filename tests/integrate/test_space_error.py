@@ -170,8 +170,10 @@ def test_the_number_of_links_that_is_advised_would_do():
 
 def test_where_no_companion_runs_it_is_nan(soft):
     # a companion of a single link has no inner particle
-    run = cp.chain.simulate(cp.make_scene(soft), links=2, outputs=("error_estimate",))
-    assert math.isnan(run.attrs["space_error_estimate"])
+    taut, short = examples.scene("example2"), {"scheme": "velocity_verlet", "times": [0.0, 0.5]}
+    for scene, links, options in ((cp.make_scene(soft), 2, {}), (taut, 2, short), (taut, 3, short)):
+        run = cp.chain.simulate(scene, links=links, outputs=("error_estimate",), **options)
+        assert math.isnan(run.attrs["space_error_estimate"])
     one = cp.cable.simulate(cp.make_scene(soft), elements=1, order=3, outputs=("error_estimate",), law="linear")
     assert math.isnan(one.attrs["space_error_estimate"])
 
