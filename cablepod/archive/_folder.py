@@ -18,7 +18,9 @@ def path_of(path: Any, *, key: str = "path", allowed: str = "a path, as text or 
 
 
 def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
-    """Create the folder for results; refuse one that is not writable or contains one of `files`.
+    """Create the folder for results; refuse one that is not writable or contains one of `files`, or remove these.
+
+    A study need not write all of them: what it leaves out would be the result of another scene.
 
     Raises
     ------
@@ -43,3 +45,10 @@ def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
             f"out: given {out}, which has {', '.join(existing)} already; "
             "allowed: another folder, or overwrite=True to replace them"
         )
+    for name in existing:
+        try:
+            (out / name).unlink()
+        except OSError as error:
+            raise ArchiveError(
+                f"out: given {out}, where {name} cannot be removed: {error.strerror}; allowed: a folder"
+            ) from None

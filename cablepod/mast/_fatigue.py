@@ -11,7 +11,7 @@ from cablepod.integrate._window import within
 
 
 def guy_fatigue(motion: xr.Dataset, window: tuple[float, float] | None = None) -> xr.DataArray | None:
-    """Return the equivalent range of the tension of each guy [N], over a run or its window; None without two instants.
+    """Return the equivalent range of the tension of each guy [N], over a run or its window; None without guys or two instants.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def guy_fatigue(motion: xr.Dataset, window: tuple[float, float] | None = None) -
     window
         Start and end [s] of the part that counts.
     """
-    if "guy_tension" not in motion:
+    if "guy_tension" not in motion or not motion.sizes["guy"]:
         return None
     tension = motion["guy_tension"]
     if window is not None:

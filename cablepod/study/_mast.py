@@ -56,7 +56,8 @@ def run_mast(
     check_run(scene, **options)
     if out is not None:
         check_backend()
-        prepare_folder(out, [f"{name}.nc" for name in STAGES], overwrite=overwrite)
+        files = [*(f"{name}.nc" for name in STAGES), *(f"{name}.png" for name in FIGURES)]
+        prepare_folder(out, files, overwrite=overwrite)
     results: dict[str, xr.Dataset] = {}
 
     def add(name: str, result: xr.Dataset) -> xr.Dataset:
@@ -83,7 +84,7 @@ def run_mast(
     motion, seconds = timed(call, progress=lambda share: at(0.2 + 0.7 * share), say=say, longest_repeated=0.0)
     motion.attrs["wall_time_s"] = seconds["call_time"]
     add("motion", motion)
-    if "guy_tension" in motion:
+    if p.guys:
         add("guys", guy_table(motion, results["rest"], window))
     if out is not None:
         _write_figures(out, results)
@@ -136,10 +137,10 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
     from cablepod import plots
 
     drawings: dict[str, Callable[..., Any]] = {
-        "tensions": partial(plots.guy_tensions, results["motion"].assign(anchor=results["rest"]["anchor"])),
         "moments": partial(plots.bending_moments, results["motion"]),
         "modes": partial(plots.mast_shapes, results["frequencies"]),
     }
-    if "guys" not in results:
-        del drawings["tensions"]
+    if "guys" in results:
+        with_anchors = results["motion"].assign(anchor=results["rest"]["anchor"])
+        drawings["tensions"] = partial(plots.guy_tensions, with_anchors)
     write_drawings(folder, drawings, str(results["scene"].attrs["title"]))

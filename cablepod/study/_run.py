@@ -24,7 +24,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._warnings import warn_once
-from cablepod.study._figures import check_backend, write_figures
+from cablepod.study._figures import FIGURES, check_backend, write_figures
 from cablepod.study._models import chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
 from cablepod.study._notes import OnceEach
 from cablepod.study._tension import tension_in_wind
@@ -143,8 +143,10 @@ def run(
     if out is not None:
         check_backend()
         folder = Path(out)
-        names = (*STAGES, *(f"{name}_r{r}" for name in chosen for r in ranks))
-        prepare_folder(folder, [f"{name}.nc" for name in names], overwrite=overwrite)
+        names = (*STAGES, "chain_incomplete", *(f"{name}_r{r}" for name in chosen for r in ranks))
+        others = [path.name for name in chosen for path in folder.glob(f"{name}_r*.nc")]  # of other ranks
+        files = [*(f"{name}.nc" for name in names), *(f"{name}.png" for name in FIGURES), *others]
+        prepare_folder(folder, list(dict.fromkeys(files)), overwrite=overwrite)
 
     stages = _Stages(folder, progress, report)
     stages.add("scene", scene)

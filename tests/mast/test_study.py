@@ -76,6 +76,25 @@ def test_a_guy_without_breaking_strength_has_no_utilisation(tmp_path, capsys):
     assert f"{100.0 * guys[3]['utilisation']:.1f} %" in lines[3]
 
 
+def test_a_mast_without_guys_is_studied(tmp_path, capsys):
+    def alone(mapping):
+        del mapping["guy"], mapping["cables"], mapping["chain"]
+        mapping["mast"]["base"] = "clamped"
+
+    tables = small_tables(alone)
+    path, out = tmp_path / "mast.toml", tmp_path / "out"
+    path.write_text(toml_of(tables))
+    assert cli.main(["run", str(path), "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["guys"] == []
+    assert {file.name for file in out.iterdir()} == {
+        "scene.nc", "rest.nc", "frequencies.nc", "motion.nc", "moments.png", "modes.png"
+    }  # fmt: skip
+    ranges = {"mast.mass": [15.0, 20.0, 2], "mast.drag_area": [0.2, 0.3, 2]}
+    path.write_text(toml_of({**tables, "ensemble": {"ranges": ranges}}))
+    assert cli.main(["ensemble", str(path), "--out", str(tmp_path / "masts")]) == 0
+    assert "no picture of tensions: the mast has no guys" in capsys.readouterr().out
+
+
 def test_an_ensemble_on_disk_goes_on_where_it_was(tmp_path):
     members = cp.ensemble.design(small(), {"guy.1.top_tension": [4500.0, 5500.0]}, members=3, sampling="grid")
     kept = cp.ensemble.run(members, tmp_path / "masts", model="mast", step=0.02)

@@ -212,6 +212,17 @@ def test_results_are_not_overwritten_without_being_asked(scene, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["modes.nc"]
 
 
+def test_nothing_of_another_scene_is_left_in_a_folder(soft, tmp_path):
+    old = ("condensed_r3.nc", "tension.nc", "chain_incomplete.nc", "tension.png", "comparison.nc")
+    for name in (*old, "of_a_user.nc"):
+        (tmp_path / name).write_text("of another scene")
+    cp.study.run(cp.make_scene(soft), tmp_path, ranks=(1,), models=("condensed",), overwrite=True)
+    found = {path.name for path in tmp_path.iterdir()}
+    assert not found & {"condensed_r3.nc", "tension.nc", "chain_incomplete.nc"}
+    assert (tmp_path / "of_a_user.nc").read_text() == "of another scene"
+    assert all(cp.archive.read(tmp_path / name) for name in found if name.endswith(".nc") and name != "of_a_user.nc")
+
+
 def test_a_folder_that_cannot_be_is_refused(scene, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(cp.ArchiveError, match=r"out: given .*, which is or lies below a file; allowed: a folder"):
