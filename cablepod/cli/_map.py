@@ -42,6 +42,8 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
         Draw angular frequencies in Hz.
     """
     manifest = read_manifest(folder)
+    for name in (TABLE, PICTURE):  # of another ensemble
+        (folder / name).unlink(missing_ok=True)
     needed, output, drawn = OF_MAST if manifest["model"] == "mast" else OF_CABLE
     if needed not in results:
         return f'map       none, as "{output}" is not among the outputs'

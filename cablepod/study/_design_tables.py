@@ -144,12 +144,13 @@ def slack_lines(case: xr.Dataset) -> str:
 
 
 def write_tables(folder: Path, result: xr.Dataset) -> None:
-    """Write the tables that a result has, in SI units."""
+    """Write the tables that a result has, in SI units; remove others, which are of another study."""
     tables = {
         "guys.csv": guy_rows(result), "heights.csv": height_rows(result), "levels.csv": level_rows(result),
         "foot.csv": foot_rows(result), "cases.csv": case_rows(result),
     }  # fmt: skip
     for name, rows in tables.items():
+        (folder / name).unlink(missing_ok=True)
         if rows:
             _write(folder / name, rows)
 

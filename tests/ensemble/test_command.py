@@ -78,6 +78,8 @@ def test_the_command_ends_with_a_map_and_the_largest_tension(tmp_path, capsys):
     assert head[:4] == ["member", "cable_top_tension [N]", "ends_upper_x [m]", "largest tension [N]"]
     np.testing.assert_allclose([float(row[3]) for row in rows], peaks, rtol=1e-9)
     np.testing.assert_allclose([float(row[2]) for row in rows], run["ends_upper_x"], rtol=1e-9)
+    assert cli.main([*command, "--option", "outputs=['position']", "--overwrite"]) == 0
+    assert not list(out.glob("map.*"))  # of the ensemble before
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):
