@@ -240,8 +240,8 @@ def numbers_in(key: str, given: Any, units: str, allowed: str) -> np.ndarray:
     check_units(key, given, units)
     try:
         array = np.atleast_1d(np.asarray(given))
-        # complex numbers, dates, differences of times and texts, which numpy would convert
-        numbers = np.full(1, np.nan) if array.dtype.kind in "cmMSU" else array.astype(float)
+        # complex numbers, dates, differences of times, truth values and texts, which numpy would convert
+        numbers = np.full(1, np.nan) if array.dtype.kind in "bcmMSU" else array.astype(float)
     except (OverflowError, TypeError, ValueError):
         raise scene_error(key, given, allowed) from None
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():

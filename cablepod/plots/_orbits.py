@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._checks import integer
+from cablepod.parameters._checks import integer, number
 from cablepod.plots import _style
 from cablepod.plots._animation import Animation
 from cablepod.plots._style import MAX_DOTS
@@ -29,7 +29,7 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
     orbits
         Results of :func:`cablepod.periodic.orbit` with output "position".
     sigma
-        Relative arc length of the particle, the nearest one is drawn.
+        Relative arc length of the particle, from 0 to 1; the nearest one is drawn.
     ax
         Axes to draw on; new ones by default.
 
@@ -42,10 +42,11 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
     Raises
     ------
     SceneError
-        For another Dataset, and for none.
+        For another Dataset, for none, and for a place outside the cable.
     """
     if not orbits:
         raise SceneError(f"orbits: given none; allowed: {ORBIT}")
+    number(least=0.0, most=1.0)("sigma", sigma)
     paths = []
     for one in orbits:
         _style.take("orbits", one, "multiplier_real", ("multiplier",), ORBIT)  # not any trajectory: a period

@@ -15,6 +15,7 @@ import xarray as xr
 from cablepod._inputs import SNAPSHOTS, several
 from cablepod._resources import check_bytes, defer_sigint_during_dask
 from cablepod.errors import scene_error
+from cablepod.parameters._checks import truth
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy
@@ -94,6 +95,7 @@ def decompose(
     (('coordinate', 'mode'), [7.05, 0.03])
     """
     check_options(layout, method, weights, rank, energy)
+    center = truth("center", center)
     parts = several("snapshots", snapshots, SNAPSHOTS)
     check_same_particles(parts)
     parts = [_in_memory(part) for part in parts]

@@ -17,6 +17,7 @@ from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._pool import map_threads
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import truth
 from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
 from cablepod.pod._graded_svd import COMPLETE
@@ -48,7 +49,7 @@ class Stream:
 
     def __init__(self, *, layout: str = "separate", weights: str | None = None, center: bool = True) -> None:
         check_options(layout, "svd", weights, None, None)
-        self.layout, self.weights, self.center = layout, weights, bool(center) and layout != "normal"
+        self.layout, self.weights, self.center = layout, weights, truth("center", center) and layout != "normal"
         self.samples = 0
         self._reference: np.ndarray | None = None  # axis that the normals in space refer to, layout "normal"
         self._sums: list[IncrementalSVD] = []

@@ -77,7 +77,7 @@ def test_units_of_the_package_and_none_are_taken() -> None:
         assert known.equals(cp.chain.simulate(scene, step=1e-3, times=times).position)
 
 
-@pytest.mark.parametrize("kind", ["timedelta64[s]", "timedelta64[ns]", "datetime64[s]", str])
+@pytest.mark.parametrize("kind", ["timedelta64[s]", "timedelta64[ns]", "datetime64[s]", bool, str])
 def test_instants_that_are_no_numbers_are_refused(kind: Any) -> None:
     times, run = np.array([0, 1]).astype(kind), cp.snapshots(LINE, arc_length=PLACES, times=[0.0, 1.0])
     for call in (

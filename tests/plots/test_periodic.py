@@ -141,6 +141,9 @@ def test_backbones_and_orbits():
         (lambda: plots.orbit(), "orbits: given none"),
         (lambda: plots.orbit(response()), "^orbits: "),
         (lambda: plots.animate_orbit(response()), "^orbit: "),
+        (lambda: plots.orbit(response(), sigma=50.0), r"^sigma: given 50\.0; allowed: "),
+        (lambda: plots.frequency_response(response(), variable=None), "^variable: given None; allowed: a text"),
+        (lambda: plots.stability_map(response(), variable=[]), r"^variable: given \[\]; allowed: a text"),
         (lambda: plots.multipliers(stability()), "result: given a Dataset without multiplier_real"),
     ],
 )

@@ -111,6 +111,7 @@ def test_inputs_are_not_modified_and_units_are_set():
         ({"rank": 0}, "rank: given 0; allowed: a whole number of at least 1"),
         ({"rank": 11}, "rank: given 11; allowed: at most 10"),
         ({"energy": 1.5}, "energy: given 1.5"),
+        ({"center": "no"}, "center: given 'no'; allowed: true or false"),
         ({"rank": 2, "energy": 0.9}, "rank and energy"),
     ],
 )
