@@ -194,12 +194,13 @@ def end_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Raises
     ------
     SceneError
-        For a Dataset without tensions.
+        For a Dataset without tensions, and for links without those at the ends.
     """
     if isinstance(run, xr.Dataset) and "end_tension" in run:
         array = _style.take("run", run, "end_tension", ("time", "end"), TENSIONS)
     else:
         array = _style.take("run", run, "tension", ("time", "link"), TENSIONS)
+        _check_end_links(run)
     ax = _style.axes(ax)
     upper, lower = array.values[:, -1], array.values[:, 0]
     ax.plot(array["time"].values, upper, color=COLOURS[0], linewidth=1.0, label="upper end")
@@ -214,6 +215,17 @@ def end_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="time [s]")
     _style.label_axis(ax.yaxis, "tension [N]", array.values)
     return _style.finish(ax)
+
+
+def _check_end_links(run: xr.Dataset) -> None:
+    """Refuse a run of which links were picked without those at the ends."""
+    if {"arc_length", "link_arc_length"} <= set(run.variables):
+        particles = _style.take("run", run, "arc_length", ("particle",), TENSIONS).values
+        links = _style.take("run", run, "link_arc_length", ("link",), TENSIONS).values
+        if links[0] > particles[1] or links[-1] < particles[-2]:
+            raise scene_error(
+                "run", f"links from {links[0]:.4g} to {links[-1]:.4g} m", "those at both ends among its links"
+            )
 
 
 def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:

@@ -141,6 +141,14 @@ def test_tensions_at_the_ends_are_those_of_the_first_and_the_last_link():
     assert peak.get_label() == "largest, 20 kN\nat 0.123 s"
     with pytest.raises(SceneError, match=r"^run: given a Dataset without tension; allowed: a trajectory with tensions"):
         plots.end_tensions(trajectory())
+    places = {"arc_length": ("particle", np.linspace(0.0, 9.0, run.sizes["link"] + 1))}
+    middles = 0.5 * (places["arc_length"][1][1:] + places["arc_length"][1][:-1])
+    whole = run.assign_coords(places | {"link_arc_length": ("link", middles)})
+    plots.end_tensions(whole)
+    plots.end_tensions(whole.isel(link=[-1, 0]))
+    for part in ([0, 1], [-2, -1], [1]):
+        with pytest.raises(SceneError, match=r"^run: given 'links from .* m'; allowed: those at both ends"):
+            plots.end_tensions(whole.isel(link=part))
 
 
 def test_slack_links_are_hatched():
