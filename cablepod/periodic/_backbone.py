@@ -16,7 +16,7 @@ from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
-from cablepod.periodic._continuation import AMPLITUDE, SLACK
+from cablepod.periodic._continuation import AMPLITUDE, SLACK, zero_between
 from cablepod.periodic._forcing import Forcing, refuse_wind, unforced
 from cablepod.periodic._members import one_member
 from cablepod.periodic._model import PeriodicModel
@@ -30,6 +30,8 @@ FIRST_AMPLITUDE, GROWTH, LARGEST_CHANGE = 0.02, 1.25, 0.1
 SMALL = (0.02, 0.04)
 #: Largest number of points.
 MAX_POINTS = 5000
+#: Tolerance of the place at which whirling leaves the planar branch, between two points of that.
+BRANCH_OFF_RTOL = 1e-15
 #: Relative difference of frequencies in the plane and out of it below which whirling begins at rest.
 DEGENERATE = 1e-9
 
@@ -258,18 +260,26 @@ class _Backbone:
         if not change:
             return None
         before, after = rows[change[0] - 1][0], rows[change[0]][0]
-        way = after.z - before.resized(after.harmonics).z
+        before = before.resized(after.harmonics)
+        way = after.z - before.z
         direction = way / np.linalg.norm(way)
-        low, high, found = 0.0, 1.0, after
-        for _ in range(50):
-            share = 0.5 * (low + high)
-            guess = replace(after, z=before.resized(after.harmonics).z + share * way)
-            found, _, iterations = self.correct(guess, direction, float(direction @ guess.z))
-            if iterations < 0:
-                return None
-            same = np.linalg.slogdet(block(found)[0])[0] * signs[change[0] - 1] > 0.0
-            low, high = (share, high) if same else (low, share)
-        matrix, numbers, full = block(found)
+
+        def between(low: State, high: State, share: float) -> State | None:
+            low = low.resized(high.harmonics)
+            guess = replace(low, z=low.z + share * (high.z - low.z))
+            state, _, iterations = self.correct(guess, direction, float(direction @ guess.z))
+            return None if iterations < 0 else state
+
+        scale = np.linalg.slogdet(block(before)[0])[1]
+
+        def determinant(state: State) -> float:
+            sign, size = np.linalg.slogdet(block(state)[0])
+            return float(sign * np.exp(size - scale))
+
+        found = zero_between((before, after), between, determinant, BRANCH_OFF_RTOL)
+        if found is None:
+            return None
+        matrix, numbers, full = block(found[1])
         null = np.zeros(full.z.size)
         null[numbers] = np.linalg.svd(matrix)[2][-1]
         return full, null

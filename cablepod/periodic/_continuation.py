@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,10 +24,14 @@ MIN_COSINE, GOOD_COSINE = 0.9, 0.98
 FEW_ITERATIONS, MANY_ITERATIONS = 4, 6
 #: Distance from the start of a branch, over the step, that counts as having come back.
 LOOP_RTOL = 0.3
+#: Size of a test function at its zero, over that at the ends, above which it jumps there; number of evaluations that tell it.
+MAX_JUMP, MANY_EVALUATIONS = 1e-3, 12
 #: Number of points before which a branch cannot have come back.
 LOOP_POINTS = 10
 #: Largest share of the coordinates in each other's symmetric part before a crossing of the parent counts.
 RANGE, LOOP, POINTS, SLACK, DIVERGED, AMPLITUDE = "range", "loop", "points", "slack", "diverged", "amplitude"
+
+T = TypeVar("T")
 
 
 @dataclass(eq=False)
@@ -81,6 +86,49 @@ def adapted(solver: Solver, state: State, direction: np.ndarray, target: float) 
         if iterations < 0:
             break
     return found, tangent, iterations
+
+
+def zero_between(
+    ends: tuple[T, T], between: Callable[[T, T, float], T | None], test: Callable[[T], float], tolerance: float
+) -> tuple[float, T] | None:
+    """Find where a test function of the points of a segment changes its sign, by Brent's method.
+
+    Parameters
+    ----------
+    ends
+        First and last point.
+    between
+        Point at a share of the way from one known point to another; None for none.
+    test
+        The test function.
+    tolerance
+        Of the share of the whole way.
+
+    Returns
+    -------
+    tuple or None
+        Share of the whole way and point there; None without a change of sign, with one by a jump, or where a point is missing.
+    """
+    from scipy.optimize import brentq  # costly to import
+
+    points = dict(zip((0.0, 1.0), ends, strict=True))
+    values = {0.0: test(ends[0]), 1.0: test(ends[1])}
+    if not values[0.0] * values[1.0] <= 0.0:
+        return None
+    small = MAX_JUMP * max(map(abs, values.values()))
+
+    def value(share: float) -> float:
+        if share not in values:
+            low, high = max(s for s in points if s < share), min(s for s in points if s > share)
+            point = between(points[low], points[high], (share - low) / (high - low))
+            values[share] = np.nan if point is None else test(point)
+            if point is not None and np.isfinite(values[share]):
+                points[share] = point
+        jumps = len(values) > MANY_EVALUATIONS and min(map(abs, values.values())) > small
+        return 0.0 if share not in points or jumps else values[share]  # 0 ends the search
+
+    share = float(brentq(value, 0.0, 1.0, xtol=tolerance, disp=False))
+    return (share, points[share]) if abs(values[share]) <= small else None
 
 
 def resized_direction(direction: np.ndarray, state: State, harmonics: int) -> np.ndarray:

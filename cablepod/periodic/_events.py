@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablepod.periodic._continuation import Branch, Point, distance, resized_direction
+from cablepod.periodic._continuation import Branch, Point, distance, resized_direction, zero_between
+from cablepod.periodic._multipliers import product
 from cablepod.periodic._solve import IN_PLANE, NEUTRAL, OUT_OF_PLANE, Solver, State, sets_of
 
 FOLD, PITCHFORK, DOUBLING, TORUS = "fold", "pitchfork", "period_doubling", "torus"
-#: Relative width of the interval that locates a bifurcation, and number of evaluations.
-LOCATE_RTOL, MAX_EVALUATIONS = 1e-11, 60
+#: Relative tolerance that locates a bifurcation.
+LOCATE_RTOL = 1e-11
 #: Largest distance of a multiplier from its value at the bifurcation, above which a change of sign is none.
 MAX_DISTANCE = 1e-3
 #: Step onto a branch that leaves, over that of the smallest, without dimension.
@@ -36,7 +37,7 @@ class Event:
 class Signs(NamedTuple):
     """Test functions at a point, set by set: each changes sign where multipliers cross the unit circle."""
 
-    at_one: np.ndarray  #: product of 1 - multiplier, see :func:`_product`
+    at_one: np.ndarray  #: product of 1 - multiplier, see :func:`cablepod.periodic._multipliers.product`
     at_minus_one: np.ndarray  #: product of 1 + multiplier
     complex_outside: np.ndarray  #: number of complex pairs outside of the circle
     real_outside: np.ndarray  #: numbers of real multipliers above 1 and below -1 (sets, 2)
@@ -51,18 +52,13 @@ def signs(solver: Solver, point: Point) -> Signs:
         outside = (np.abs(mu) > 1.0 + NEUTRAL) & (mu.imag > NEUTRAL)
         rows.append(
             (
-                _product(1.0 - mu),
-                _product(1.0 + mu),
+                product(1.0 - mu),
+                product(1.0 + mu),
                 int(outside.sum()),
                 [int((real & (mu.real > 1.0)).sum()), int((real & (mu.real < -1.0)).sum())],
             )
         )
     return Signs(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def _product(factors: np.ndarray) -> float:
-    """Return the real part of a product, with large factors turned to size one, which changes no sign."""
-    return float(np.prod(factors / np.maximum(np.abs(factors), 1.0)).real)
 
 
 def can_be_told_apart(before: Signs, after: Signs) -> bool:
@@ -126,55 +122,25 @@ def near_circle(radius: Callable[[Point], float]) -> Callable[[Point], bool]:
 
 
 def _locate(solver: Solver, first: Point, second: Point, test: Callable[[Point], float]) -> tuple[float, Point] | None:
-    """Find the zero of a test function between two points by the Illinois method; return its share of the way."""
-    harmonics = max(first.state.harmonics, second.state.harmonics)
-    start = first.state.resized(harmonics)
+    """Find the zero of a test function between two points, see :func:`cablepod.periodic._continuation.zero_between`."""
+    harmonics, stride = max(first.state.harmonics, second.state.harmonics), max(first.stride, second.stride)
     way = distance(first.state, second.state)
     length = float(np.linalg.norm(way))
     direction = way / length
-    heading = resized_direction(first.direction, first.state, harmonics)
-    if heading @ direction < 0.0:
+    if resized_direction(first.direction, first.state, harmonics) @ direction < 0.0:
         return None
 
-    def at(share: float) -> Point | None:
-        guess = replace(start, z=start.z + share * way)
+    def corrected(guess: State) -> Point | None:
         state, tangent, iterations = solver.correct(guess, direction, float(direction @ guess.z))
-        if iterations < 0:
-            return None
-        return Point(state, tangent, solver.stability(state, stride), stride)
+        return None if iterations < 0 else Point(state, tangent, solver.stability(state, stride), stride)
 
-    stride = max(first.stride, second.stride)
-    low, high, point = 0.0, 1.0, None
-    ends = at(0.0), at(1.0)
-    if ends[0] is None or ends[1] is None:
+    def between(low: Point, high: Point, share: float) -> Point | None:
+        return corrected(replace(low.state, z=low.state.z + share * (high.state.z - low.state.z)))
+
+    start, end = (corrected(point.state.resized(harmonics)) for point in (first, second))
+    if start is None or end is None:
         return None
-    value_low, value_high = test(ends[0]), test(ends[1])
-    if value_low * value_high > 0.0:
-        return None
-    side = 0
-    for evaluation in range(MAX_EVALUATIONS):
-        share = (low * value_high - high * value_low) / (value_high - value_low) if value_high != value_low else 0.5
-        if evaluation % 8 == 7 or not low < share < high:
-            share = 0.5 * (low + high)
-        point = at(share)
-        if point is None:
-            return None
-        value = test(point)
-        if value == 0.0 or high - low < LOCATE_RTOL * max(1.0, 1.0 / length):
-            break
-        if value * value_high > 0.0:
-            moved = abs(high - share)
-            high, value_high = share, value
-            value_low *= 0.5 if side == 1 else 1.0
-            side = 1
-        else:
-            moved = abs(share - low)
-            low, value_low = share, value
-            value_high *= 0.5 if side == -1 else 1.0
-            side = -1
-        if moved * length < LOCATE_RTOL:
-            break
-    return (share, point) if point is not None else None
+    return zero_between((start, end), between, test, LOCATE_RTOL / length)
 
 
 # --- branches that leave ------------------------------------------------------------------------------------------------

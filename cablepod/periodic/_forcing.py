@@ -88,25 +88,6 @@ def scaled(p: Parameters, factor: float) -> Parameters:
     )
 
 
-def at_frequency(p: Parameters, omega: float) -> Parameters:
-    """Return the scene of :func:`scaled` with an angular frequency [rad/s] instead of 1."""
-
-    def turned(function: TimeFunction | None) -> TimeFunction | None:
-        if function is None:
-            return None
-        values: dict[str, Any] = dict(function.values)
-        values["angular_frequency"] = math.copysign(omega, float(values["angular_frequency"]))
-        return replace(function, values=values)
-
-    return replace(
-        p,
-        motions={key: function for key, motion in p.motions.items() if (function := turned(motion)) is not None},
-        load_factor=turned(p.load_factor),
-        point_loads=tuple(replace(load, factor=turned(load.factor)) for load in p.point_loads),
-        duration=2.0 * math.pi / omega,
-    )
-
-
 def unforced(p: Parameters) -> Parameters:
     """Return the scene without damping, its ends and loads held as they are at time 0."""
     lower, upper = p.initial_ends

@@ -114,7 +114,7 @@ def frequency_response(
     Notes
     -----
     Pseudo-arclength continuation; bifurcations are zeros of the products of 1 - mu and 1 + mu over the multipliers mu of one set
-    of coordinates, found on the secant by the Illinois method.  Branches that leave start along the null vector.
+    of coordinates, found on the secant by Brent's method.  Branches that leave start along the null vector.
     """
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     wanted = given_names("outputs", outputs, OUTPUTS)

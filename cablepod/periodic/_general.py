@@ -15,7 +15,7 @@ import numpy as np
 from cablepod.condensed._fields import close
 from cablepod.condensed._kernels_layout import RateTerms
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import Solver, Stability, State, basis_at
+from cablepod.periodic._solve import Solver, State, basis_at
 
 #: Norm of the matrix in an exponential above which it is halved, and number of terms of the series (rounding at this norm).
 MAX_EXPONENT, TERMS = 0.5, 14
@@ -38,12 +38,10 @@ def solver_of(model: PeriodicModel) -> Solver:
     return GeneralSolver(model) if model.condensed.order != "leading" or depends_on_rates else Solver(model)
 
 
-def rates_at(phases: int, harmonics: int) -> np.ndarray:
-    """Return the derivatives of :func:`basis_at` by the phase (phases, 1 + 2 harmonics)."""
-    values = basis_at(phases, harmonics)
-    k = np.arange(1, harmonics + 1)
-    result = np.zeros_like(values)
-    result[:, 1::2], result[:, 2::2] = -k * values[:, 2::2], k * values[:, 1::2]
+def rates_of(coefficients: np.ndarray) -> np.ndarray:
+    """Return the coefficients of the harmonics of the derivative by the phase (1 + 2 harmonics, n)."""
+    result, k = np.zeros_like(coefficients), np.arange(1, len(coefficients) // 2 + 1)[:, None]
+    result[1::2], result[2::2] = k * coefficients[2::2], -k * coefficients[1::2]
     return result
 
 
@@ -51,14 +49,15 @@ class GeneralSolver(Solver):
     """Newton's method and multipliers of a model by array expressions."""
 
     overhead = 2e7
+    compiled = False
 
     # --- forces -----------------------------------------------------------------------------------------------------
 
     def _forces(self, state: State, phases: int) -> Forces:
         """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
         c = state.coefficients
-        q = basis_at(phases, state.harmonics) @ c
-        rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
+        basis = basis_at(phases, state.harmonics)
+        q, rates = basis @ c, state.omega / state.periods * (basis @ rates_of(c))
         evaluate = self._leading if self.model.condensed.order == "leading" else self._exact
         forces, n = evaluate(q, rates, state.omega, state.periods), q.shape[1]
         matrix = self.model.damping_matrix[:n, :n]
@@ -139,81 +138,48 @@ class GeneralSolver(Solver):
 
     def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
-        samples, harmonics, c = 4 * state.harmonics + 4, state.harmonics, state.coefficients
-        n, columns, factor = state.size, 1 + 2 * harmonics, state.omega / state.periods
-        basis, turned = basis_at(samples, harmonics), rates_at(samples, harmonics)
-        forces = self._forces(state, samples)
-        project = 2.0 / samples * basis.T
-        project[0] *= 0.5
-        effect = basis[:, :, None, None] * forces.stiffness[:, None]
-        rate = -project @ forces.rate
+        samples, harmonics, size = 4 * state.harmonics + 4, state.harmonics, state.z.size - 1
+        forces, basis = self._forces(state, samples), basis_at(samples, 2 * harmonics)
+        residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
+        self.balance.balance(
+            state.z, basis, self.model.damping, state.periods, forces.force, forces.rate, forces.stiffness, residual, rate,
+            jacobian,
+        )  # fmt: skip
         if forces.damping is not None:
-            effect = effect + factor * turned[:, :, None, None] * forces.damping[:, None]
-            rate += project @ np.einsum("mij,mj->mi", forces.damping, turned @ c / state.periods)
-        jacobian = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
-        residual, alpha = -project @ forces.force, self.model.damping
-        k = np.arange(1, harmonics + 1)[:, None] / state.periods
-        frequency = state.omega * k
-        residual[1::2] += -(frequency**2) * c[1::2] + alpha * frequency * c[2::2]
-        residual[2::2] += -(frequency**2) * c[2::2] - alpha * frequency * c[1::2]
-        rate[1::2] += k * (-2.0 * frequency * c[1::2] + alpha * c[2::2])
-        rate[2::2] += k * (-2.0 * frequency * c[2::2] - alpha * c[1::2])
-        one = np.eye(n)
-        for i in range(1, harmonics + 1):
-            w = float(frequency[i - 1, 0])
-            jacobian[2 * i - 1, 2 * i - 1] -= w * w * one
-            jacobian[2 * i, 2 * i] -= w * w * one
-            jacobian[2 * i - 1, 2 * i] += alpha * w * one
-            jacobian[2 * i, 2 * i - 1] -= alpha * w * one
-        size = columns * n
-        return residual.ravel(), rate.ravel(), jacobian.transpose(0, 2, 1, 3).reshape(size, size)
-
-    def correct(
-        self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
-    ) -> tuple[State, np.ndarray, int]:
-        """Solve with the condition direction . z[active] = target, see :meth:`Solver.correct`."""
-        numbers = np.arange(state.z.size) if active is None else active
-        return self._newton(state, direction, target, numbers, self._balance)
-
-    def jacobian(self, state: State) -> np.ndarray:
-        """Return the derivative of the balance by the coefficients, all coordinates in each harmonic together."""
-        return self._balance(state)[2]
+            # the damping acts on the rates, whose cosines are those of the sines, and the other way round
+            sums = basis.T @ forces.damping.reshape(samples, -1) / samples
+            blocks = np.empty((size, size))
+            self.balance.harmonic_blocks(sums.reshape(-1, *forces.damping.shape[1:]), harmonics + 1, 0, blocks)
+            by_rates = blocks.reshape(size, -1, state.size)
+            turned, k = np.zeros_like(by_rates), np.arange(1, harmonics + 1)[:, None] / state.periods
+            turned[:, 1::2], turned[:, 2::2] = -k * by_rates[:, 2::2], k * by_rates[:, 1::2]
+            damped = turned.reshape(size, size)
+            jacobian += state.omega * damped
+            rate += damped @ state.z[:-1]
+        return residual, rate, jacobian
 
     # --- multipliers ------------------------------------------------------------------------------------------------
 
-    def stability(self, state: State, stride: int | None = None) -> Stability:
-        """Compute the multipliers of a solution over its period."""
-        model = self.model
-        self.work += self.overhead
-        full = state.full(model)
-        phases = (4 * state.harmonics + 4) * (stride or self.stride(state))
-        forces = self._forces(full, phases)
+    def _monodromies(self, state: State, stride: int, parts: list[slice]) -> tuple[list[np.ndarray], float]:
+        """Do :meth:`monodromies` for the coordinates of each set."""
+        phases = (4 * state.harmonics + 4) * stride
+        forces = self._forces(state.full(self.model), phases)
         duration = 2.0 * np.pi * state.periods / state.omega
-        values = np.full(2 * model.size, np.nan + 0j)
-        split = model.n_in_plane if state.planar else model.size
-        parts = [part for part in (slice(0, split), slice(split, model.size)) if part.stop > part.start]
-        if np.isfinite(forces.stiffness).all():
-            for part in parts:
-                values[2 * part.start : 2 * part.stop] = self._multipliers(forces, part, duration)
-        return Stability(values, forces.least * model.force_scale)
+        return [self._monodromy(forces, part, duration) for part in parts], forces.least
 
-    def _multipliers(self, forces: Forces, part: slice, duration: float) -> np.ndarray:
-        """Return the multipliers of the coordinates of one set."""
+    def _monodromy(self, forces: Forces, part: slice, duration: float) -> np.ndarray:
+        """Return the matrix of the coordinates of one set."""
         alpha, phases = self.model.damping, len(forces.stiffness)
+        size = 2 * (part.stop - part.start)
+        if not np.isfinite(forces.stiffness).all():
+            return np.full((size, size), np.nan)
         if forces.damping is None:
-            size = 2 * (part.stop - part.start)
             matrix = np.empty((size, size))
-            step = duration / phases
-            self.floquet.monodromy(forces.stiffness, part.start, part.stop, alpha, step, matrix)
-            if not np.isfinite(matrix).all():
-                return np.full(size, np.nan + 0j)
-            return np.linalg.eigvals(matrix) * np.exp(-0.5 * alpha * duration)
+            self.floquet.monodromy(forces.stiffness, part.start, part.stop, alpha, duration / phases, matrix)
+            return matrix * np.exp(-0.5 * alpha * duration)
         stiffness, damping = forces.stiffness[:, part, part], forces.damping[:, part, part]
         damping = damping + alpha * np.eye(damping.shape[1])
-        matrix = magnus(stiffness, damping, 2.0 * duration / phases, self.model.highest_frequency)
-        if not np.isfinite(matrix).all():
-            return np.full(len(matrix), np.nan + 0j)
-        return np.linalg.eigvals(matrix)
+        return magnus(stiffness, damping, 2.0 * duration / phases, self.model.highest_frequency)
 
 
 def magnus(stiffness: np.ndarray, damping: np.ndarray, step: float, frequency: float) -> np.ndarray:

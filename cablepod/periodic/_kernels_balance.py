@@ -114,28 +114,35 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
         Filled by :func:`cablepod.periodic._kernels_forces.leading_samples`.
     residual, rate, jacobian
         Filled: acceleration and damping less the force, harmonic by harmonic ((1 + 2 H) n,), its derivative by omega, its
-        derivative by X.
+        derivative by X; both derivatives where they have entries.
     """
     samples, n = force.shape
     columns = (z.size - 1) // n
     harmonics = columns // 2
     omega = z[-1]
-    mean = np.zeros((4 * harmonics + 1, n, n))  # Fourier sums of the tangent, over the number of samples
+    derives = jacobian.size > 0
+    mean = np.zeros(
+        (4 * harmonics + 1 if derives else 0, n, n)
+    )  # Fourier sums of the tangent, over the number of samples
     inverse = 1.0 / samples
     for i in range(residual.size):
-        residual[i], rate[i] = 0.0, 0.0
+        residual[i] = 0.0
+    for i in range(rate.size):
+        rate[i] = 0.0
     for j in range(samples):
         for c in range(columns):
             weight = basis[j, c] * (inverse if c == 0 else 2.0 * inverse)
             for a in range(n):
                 residual[c * n + a] -= weight * force[j, a]
+            for a in range(n if derives else 0):
                 rate[c * n + a] -= weight * force_rate[j, a]
-        for c in range(4 * harmonics + 1):
+        for c in range(mean.shape[0]):
             weight = basis[j, c] * inverse
             for a in range(n):
                 for b in range(n):
                     mean[c, a, b] += weight * tangent[j, a, b]
-    harmonic_blocks(mean, harmonics + 1, 0, jacobian)
+    if derives:
+        harmonic_blocks(mean, harmonics + 1, 0, jacobian)
     for i in range(1, harmonics + 1):
         factor = i / periods
         frequency = omega * factor
@@ -143,6 +150,8 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
             c, s = (2 * i - 1) * n + a, 2 * i * n + a
             residual[c] += -frequency * frequency * z[c] + damping * frequency * z[s]
             residual[s] += -frequency * frequency * z[s] - damping * frequency * z[c]
+            if not derives:
+                continue
             rate[c] += factor * (-2.0 * frequency * z[c] + damping * z[s])
             rate[s] += factor * (-2.0 * frequency * z[s] - damping * z[c])
             jacobian[c, c] -= frequency * frequency
@@ -219,13 +228,3 @@ def correct(z, active, direction, target, basis, forced, periods, stride, sample
                 tangent_vector[i] *= norm
             return iteration + 1
     return -1
-
-
-@compiled
-def jacobian_of(z, basis, forced, periods, stride, samples, jacobian):
-    """Fill the derivative of the residual by X ((1 + 2 H) n, the same) at a solution."""
-    n, unknowns = forced.terms.kappa.size, z.size - 1
-    force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
-    leading_samples(z, basis, forced, stride, force, force_rate, tangent)
-    residual, rate = np.empty(unknowns), np.empty(unknowns)
-    balance(z, basis, forced.damping, periods, force, force_rate, tangent, residual, rate, jacobian)

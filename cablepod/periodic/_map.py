@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,26 +11,36 @@ import numpy as np
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.condensed._kernels_layout import LeadingTerms
+from cablepod.periodic._continuation import zero_between
 from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._multipliers import FAILED, eigenvalues, growth_of, signed_stability
 from cablepod.periodic._period import check_period
-from cablepod.periodic._solve import MAX_HARMONICS, MAX_PHASE_STEP, MAX_PHASES, MIN_STRIDE
+from cablepod.periodic._solve import (
+    MAX_HARMONICS,
+    MAX_PHASE_STEP,
+    MAX_PHASES,
+    MIN_STRIDE,
+    Solver,
+    State,
+    tail_of,
+)
 
 #: Number of harmonics of the first map, and share of the last two in the motion above which a column is computed with more.
 HARMONICS, TAIL_RTOL = 5, 1e-5
 #: Largest size of the boundary data of all amplitudes [bytes].
 MAX_BYTES = 3e8
 #: Number of columns that a thread takes at once.
-COLUMNS = 4
-#: Kind of a point without an orbit, see ``_kernels_map``.
-NO_ORBIT = 4
+COLUMNS = 8
+#: Relative tolerance of the angular frequency of an edge.
+EDGE_RTOL = 1e-10
 
 
 class MapResult(NamedTuple):
     """Orbits of a map."""
 
     growth: np.ndarray  #: of the sets (2, amplitudes, frequencies) [1/s]
-    kind: np.ndarray  #: of the sets, see ``_kernels_map`` (2, amplitudes, frequencies)
+    kind: np.ndarray  #: of the sets, see ``_multipliers`` (2, amplitudes, frequencies)
     response: np.ndarray  #: largest deflections from the mean (amplitudes, frequencies) [m]
     smallest_force: np.ndarray  #: (amplitudes, frequencies) [N]
     tail: np.ndarray  #: share of the last two harmonics (amplitudes, frequencies)
@@ -40,9 +51,25 @@ class MapResult(NamedTuple):
     @classmethod
     def empty(cls, shape: tuple[int, int]) -> MapResult:
         """Return a map of which no point is finished."""
-        growth, kind = np.full((2, *shape), np.nan), np.full((2, *shape), NO_ORBIT)
+        growth, kind = np.full((2, *shape), np.nan), np.full((2, *shape), FAILED)
         response, force, tail = (np.full(shape, np.nan) for _ in range(3))
         return cls(growth, kind, response, force, tail, {}, np.zeros(shape, dtype=bool))
+
+    def add_edge(self, solver: Solver, first: State, second: State, place: tuple[int, int, int], kind: int) -> None:
+        """Enter where multipliers of a set cross the unit circle between two orbits, if they do."""
+        most, stride = max(first.harmonics, second.harmonics), solver.stride(first)
+
+        def between(low: State, high: State, share: float) -> State | None:
+            state, _, iterations = solver.at_frequency(replace(low, z=low.z + share * (high.z - low.z)))
+            return None if iterations < 0 else state
+
+        def test(state: State) -> float:
+            return signed_stability(kind, solver.monodromies(state, stride)[0][place[0]])
+
+        tolerance = EDGE_RTOL * first.omega / (second.omega - first.omega)
+        found = zero_between((first.resized(most), second.resized(most)), between, test, tolerance)
+        if found is not None:
+            self.edges[place] = (found[1].omega * solver.model.scales[0], kind)
 
 
 def _stacked(models: list[PeriodicModel], n: int, phases: int) -> Forced:
@@ -51,6 +78,15 @@ def _stacked(models: list[PeriodicModel], n: int, phases: int) -> Forced:
     terms = LeadingTerms(*map(np.stack, zip(*(part.terms for part in parts), strict=True)))
     candidates, rows = (np.stack([getattr(part, name) for part in parts]) for name in ("candidates", "rows"))
     return Forced(terms, candidates, rows, parts[0].damping)
+
+
+def _responses(model: PeriodicModel, coefficients: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Return the largest deflections from the mean [m] at the phases of a basis (M, 1 + 2 H), of orbits (..., 1 + 2 H, n)."""
+    q, n = basis[:, 1:] @ coefficients[..., 1:, :] * model.scales[1], model.n_in_plane
+    squared = np.square(q[..., :n] @ model.sets[0])
+    if q.shape[-1] > n:
+        squared += np.square(q[..., n:] @ model.sets[1])
+    return np.sqrt(squared.max(axis=(-2, -1)))
 
 
 def compute_map(
@@ -72,11 +108,6 @@ def compute_map(
     scaled = omega / frequency_scale
     check_period(base, 2.0 * np.pi / scaled[0])
     equal = _equal_steps(amplitudes)
-    moved = base.sets[:1] if base.is_planar else base.sets
-    shapes, first = np.zeros((split, len(moved), moved[0].shape[1])), 0
-    for normal, own in enumerate(moved):
-        shapes[first : first + len(own), normal] = own * length_scale
-        first += len(own)
     columns_of_rows = base.rows(1, 1).shape[2]
     most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * columns_of_rows)))
 
@@ -85,21 +116,29 @@ def compute_map(
         samples, shape = 4 * harmonics + 4, (len(models), columns.size)
         phases = samples * stride
         terms = [_stacked(models, size, phases) for size in (split, base.size)]
-        for model in models:
-            model.forget_rows()
-        steps = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics), stride, samples
+        steps = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics), stride
         rest = np.zeros((1 + 2 * harmonics, split))
         rest[0] = base.rest[:split] / length_scale
         orbits = np.full((*shape, rest.size + 1), np.nan)
-        growth, kind = np.full((2, *shape), np.nan), np.zeros((2, *shape), np.int64)
+        growth, kind = np.full((2, *shape), np.nan), np.full((2, *shape), FAILED)
         response, force, tail = (np.full(shape, np.nan) for _ in range(3))
         computed = np.zeros(columns.size, dtype=bool)
 
         def do(begin: int) -> None:
+            own = slice(begin, min(begin + COLUMNS, columns.size))
+            matrices = [np.empty((*force[:, own].shape, 2 * n, 2 * n)) for n in (split, base.size - split)]
             kernel.map_columns(
-                begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), *terms, shapes, split, *steps,
-                orbits, growth, kind, response, force, tail,
-            )  # fmt: skip
+                own.start, own.stop, scaled[columns], equal, rest.ravel(), *terms, *steps, orbits, *matrices, force
+            )
+            duration = 2.0 * np.pi / scaled[columns[own]]
+            decay = np.exp(-0.5 * base.damping * duration)
+            for k in range(1 + (base.size > split)):
+                mu = eigenvalues(matrices[k]) * decay[:, None]
+                growth[k, :, own], kind[k, :, own] = growth_of(mu, duration)
+            found = orbits[:, own, :-1].reshape(*force[:, own].shape, -1, split)
+            tail[:, own] = tail_of(found)
+            for a in range(len(models)):
+                response[a, own] = _responses(base, found[a], steps[1])
             computed[begin : begin + COLUMNS] = True
 
         def settled() -> np.ndarray:
@@ -123,11 +162,8 @@ def compute_map(
 
         def refine(place: tuple[int, int, int]) -> None:
             k, a, f = place
-            of_set = (0, 2 * split) if k == 0 else (2 * split, 2 * base.size)
-            kind_of_edge = int(max(kind[k, a, f], kind[k, a, f + 1]))
-            value = kernel.refine_edge(kind_of_edge, orbits[a, f], orbits[a, f + 1], *of_set, a, *terms, split, *steps)
-            if np.isfinite(value):
-                result.edges[(k, a, int(columns[f]))] = (value * frequency_scale, kind_of_edge)
+            first, second = (State(z, base.is_planar, split) for z in orbits[a, f : f + 2])
+            result.add_edge(Solver(models[a]), first, second, (k, a, int(columns[f])), int(kind[k, a, f : f + 2].max()))
 
         places = [
             (k, a, f)
@@ -136,6 +172,8 @@ def compute_map(
             if columns[f + 1] == columns[f] + 1 and not (flagged[f] and flagged[f + 1])
         ]
         map_threads(refine, places, cores())
+        for model in models:
+            model.forget_rows()
         return columns[flagged & own]
 
     todo, harmonics = np.arange(omega.size), HARMONICS
@@ -165,7 +203,7 @@ def _changes(kind: np.ndarray, both: bool) -> list[tuple[int, tuple[np.ndarray, 
     """Return for each set the places (amplitudes, frequencies) after which stable and unstable orbits change."""
     found = []
     for k in range(1 + both):
-        unstable, failed = kind[k] > 0, kind[k] == 4
+        unstable, failed = kind[k] > 0, kind[k] == FAILED
         change = (unstable[:, 1:] != unstable[:, :-1]) & ~failed[:, 1:] & ~failed[:, :-1]
         found.append((k, np.nonzero(change)))
     return found

@@ -12,11 +12,9 @@ from cablepod.periodic._continuation import adapted
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._map import HARMONICS, MapResult
 from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._multipliers import FAILED, growth_of
 from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import Solver, State, sets_of
-
-#: Tolerance of the angular frequency of an edge, relative.
-EDGE_RTOL = 1e-10
 
 
 def compute_general_map(
@@ -83,14 +81,11 @@ def _guesses(solver: Solver, omega: float, known: list[State], last: State | Non
 
 def _judge(solver: Solver, state: State, result: MapResult, place: tuple[int, int]) -> None:
     """Enter growth rates, deflection and smallest force of a response."""
-    from cablepod.periodic._kernels_map import growth_of
-
     model = solver.model
     stability = solver.stability(state)
     scale = model.scales[0]
     for k, (_, part) in enumerate(sets_of(model, state)):
-        mu = stability.multipliers[part]
-        growth, result.kind[k][place] = growth_of(mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega)
+        growth, result.kind[k][place] = growth_of(stability.multipliers[part], 2.0 * np.pi / state.omega)
         result.growth[k][place] = growth * scale
     phases = max(fields.PHASES, 4 * state.harmonics)
     result.response[place] = fields.largest_deflection(model, fields.coordinates(model, state, phases))
@@ -103,36 +98,7 @@ def _add_edges(solver: Solver, states: list[State | None], result: MapResult, a:
     for f, (first, second) in enumerate(pairwise(states)):
         if first is None or second is None:
             continue
-        for k, (_, part) in enumerate(sets_of(solver.model, first)):
+        for k in range(len(sets_of(solver.model, first))):
             kinds = result.kind[k, a, f : f + 2]
-            if (kinds[0] > 0) != (kinds[1] > 0) and kinds.max() < 4:
-                omega = _edge(solver, first, second, part, int(kinds.max()))
-                if omega is not None:
-                    result.edges[(k, a, f)] = (omega * solver.model.scales[0], int(kinds.max()))
-
-
-def _edge(solver: Solver, first: State, second: State, part: slice, kind: int) -> float | None:
-    """Return the frequency between two responses at which multipliers of a set cross the unit circle; None for none."""
-    from scipy.optimize import brentq  # costly to import
-
-    from cablepod.periodic._kernels_map import signed_stability
-
-    most = max(first.harmonics, second.harmonics)
-    first, second = first.resized(most), second.resized(most)
-    way = second.z - first.z
-    failed = False
-
-    def value(share: float) -> float:
-        z = first.z + share * way
-        state, _, iterations = solver.at_frequency(first.changed(z[:-1].reshape(-1, first.size), float(z[-1])))
-        if iterations < 0:
-            nonlocal failed
-            failed = True
-            return 0.0  # ends the search
-        mu = solver.stability(state).multipliers[part]
-        return float(signed_stability(kind, mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega))
-
-    if not value(0.0) * value(1.0) < 0.0:
-        return None
-    share = float(brentq(value, 0.0, 1.0, xtol=EDGE_RTOL * first.omega / way[-1]))
-    return None if failed else first.omega + way[-1] * share
+            if (kinds[0] > 0) != (kinds[1] > 0) and kinds.max() < FAILED:
+                result.add_edge(solver, first, second, (k, a, f), int(kinds.max()))

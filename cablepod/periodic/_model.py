@@ -378,8 +378,12 @@ class PeriodicModel:
         """Return terms of the first n coordinates and the boundary data at equidistant phases."""
         if n not in self._terms:
             self._terms[n] = self.terms(n)
-        candidates = self.condensed.chordwise_forces_at_candidates / self.force_scale
-        return Forced(self._terms[n], candidates, self.rows(phases, periods), self.damping)
+        return Forced(self._terms[n], self._candidates, self.rows(phases, periods), self.damping)
+
+    @cached_property
+    def _candidates(self) -> np.ndarray:
+        """Chordwise force patterns where their sum may be least, without dimension."""
+        return self.condensed.chordwise_forces_at_candidates / self.force_scale
 
     def forget_rows(self) -> None:
         """Free the boundary data of all phases."""

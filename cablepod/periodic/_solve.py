@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._multipliers import eigenvalues
 from cablepod.periodic._period import check_period
 
 #: Least and largest number of harmonics of one period of the forcing where it is adapted, and its change.
@@ -109,10 +109,14 @@ class State:
     @property
     def tail(self) -> float:
         """Share of the last two harmonics in the motion."""
-        c = self.coefficients
-        motion = np.sqrt((c[1:] ** 2).sum())
-        last = np.sqrt((c[-4:] ** 2).sum())
-        return float(last / max(motion, NO_MOTION * np.sqrt((c**2).sum()), 1e-300))
+        return float(tail_of(self.coefficients))
+
+
+def tail_of(coefficients: np.ndarray) -> np.ndarray:
+    """Return the share of the last two harmonics in the motion, for coefficients (..., 1 + 2 harmonics, coordinates)."""
+    squares = (coefficients**2).sum(axis=-1)
+    motion, last = np.sqrt(squares[..., 1:].sum(axis=-1)), np.sqrt(squares[..., -4:].sum(axis=-1))
+    return np.asarray(last / np.maximum(motion, np.maximum(NO_MOTION * np.sqrt(squares.sum(axis=-1)), 1e-300)))
 
 
 def sets_of(model: PeriodicModel, state: State) -> list[tuple[str, slice]]:
@@ -140,6 +144,8 @@ class Solver:
 
     #: Work of a call beside that of its linear systems, in units of those: unknowns cubed.
     overhead = 2e6
+    #: Whether all of Newton's method is compiled, where unknowns are few.
+    compiled = True
 
     def __init__(self, model: PeriodicModel) -> None:
         from cablepod.periodic import _kernels_balance, _kernels_floquet  # numba is imported only to compute
@@ -163,51 +169,44 @@ class Solver:
         tuple
             The solution, the direction of the branch there, and the number of iterations, -1 where there is none.
         """
-        stride = self.stride(state)
-        if direction.size > LARGE:
-            numbers = np.arange(state.z.size) if active is None else active
-            return self._correct_large(state, direction, target, numbers, stride)
-        z, tangent = state.z.copy(), np.empty_like(direction)
+        if active is None:
+            active = np.arange(state.z.size)
+        if not self.compiled or direction.size > LARGE:
+            return self._newton(state, direction, target, active)
+        stride, z, tangent = self.stride(state), state.z.copy(), np.empty_like(direction)
         samples, basis, _ = bases(state, stride)
         iterations = self.balance.correct(
-            z, np.arange(z.size) if active is None else active, direction, target, basis,
-            self.forced(state, stride), state.periods, stride, samples, tangent,
-        )  # fmt: skip
+            z, active, direction, target, basis, self.forced(state, stride), state.periods, stride, samples, tangent
+        )
         self.work += self.overhead + abs(iterations) * direction.size**3
         return replace(state, z=z), tangent, iterations
 
-    def _correct_large(
-        self, state: State, direction: np.ndarray, target: float, active: np.ndarray, stride: int
-    ) -> tuple[State, np.ndarray, int]:
-        """Do :meth:`correct` with the factors of LAPACK, which are faster than compiled loops for many unknowns."""
+    def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
         from cablepod.periodic._kernels_forces import leading_samples  # numba is imported only to compute
 
-        kernel, n, size = self.balance, state.size, state.z.size - 1
+        n, size, stride = state.size, state.z.size - 1, self.stride(state)
         samples, basis, _ = bases(state, stride)
         forced = self.forced(state, stride)
-        force, rates, tangents = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
+        force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
+        leading_samples(state.z, basis, forced, stride, force, force_rate, tangent)
         residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
-
-        def balance(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            leading_samples(state.z, basis, forced, stride, force, rates, tangents)
-            kernel.balance(
-                state.z, basis, forced.damping, state.periods, force, rates, tangents, residual, rate, jacobian
-            )
-            return residual, rate, jacobian
-
-        return self._newton(state, direction, target, active, balance)
+        self.balance.balance(
+            state.z, basis, forced.damping, state.periods, force, force_rate, tangent, residual, rate, jacobian
+        )
+        return residual, rate, jacobian
 
     def _newton(
-        self, state: State, direction: np.ndarray, target: float, active: np.ndarray, balance: Callable[[State], Any]
+        self, state: State, direction: np.ndarray, target: float, active: np.ndarray
     ) -> tuple[State, np.ndarray, int]:
-        """Solve by Newton's method, with the residual and its derivatives that `balance` gives."""
+        """Do :meth:`correct` with the factors of LAPACK, which are faster than compiled loops for many unknowns."""
         kernel, z, before = self.balance, state.z.copy(), np.inf
         matrix, rows = np.empty((active.size, active.size)), active[:-1]
         right = np.zeros((active.size, 2))
         self.work += self.overhead
         for iteration in range(kernel.MAX_ITERATIONS):
             self.work += active.size**3
-            residual, rate, jacobian = balance(replace(state, z=z))
+            residual, rate, jacobian = self._balance(replace(state, z=z))
             matrix[:-1, :-1], matrix[:-1, -1], matrix[-1] = jacobian[np.ix_(rows, rows)], rate[rows], direction
             right[:-1, 0], right[-1] = -residual[rows], (target - direction @ z[active], 1.0)
             largest = max(1.0, float(np.abs(z[active]).max()))
@@ -232,11 +231,7 @@ class Solver:
 
     def jacobian(self, state: State) -> np.ndarray:
         """Return the derivative of the balance by the coefficients, all coordinates in each harmonic together."""
-        stride = self.stride(state)
-        samples, basis, _ = bases(state, stride)
-        result = np.empty((state.z.size - 1, state.z.size - 1))
-        self.balance.jacobian_of(state.z, basis, self.forced(state, stride), state.periods, stride, samples, result)
-        return result
+        return self._balance(state)[2]
 
     def stride(self, state: State) -> int:
         """Return the number of steps of the scheme for multipliers for each sample: a power of two.
@@ -256,17 +251,28 @@ class Solver:
 
     def stability(self, state: State, stride: int | None = None) -> Stability:
         """Compute the multipliers of a solution over its period."""
-        model = self.model
+        matrices, least = self.monodromies(state, stride)
+        alike = len({len(matrix) for matrix in matrices}) == 1  # eigenvalues of both at once are faster
+        found = eigenvalues(np.stack(matrices)) if alike else [eigenvalues(matrix) for matrix in matrices]
+        return Stability(np.concatenate(found), least * self.model.force_scale)
+
+    def monodromies(self, state: State, stride: int | None = None) -> tuple[list[np.ndarray], float]:
+        """Return a matrix for each set of coordinates, whose eigenvalues are its multipliers, and the least chordwise force."""
         self.work += self.overhead
-        stride = stride or self.stride(state)
-        full = state.full(model)
-        parts, least = np.empty((2, 2 * model.size)), np.empty(1)
-        split = model.n_in_plane if state.planar else model.size
-        good = self.floquet.multipliers(
-            full.z, bases(state, stride)[2], self.forced(full, stride), state.periods, split, parts[0], parts[1], least
+        size, n = self.model.size, self.model.n_in_plane if state.planar else self.model.size
+        parts = [slice(0, n), slice(n, size)][: 1 + (size > n)]
+        return self._monodromies(state, stride or self.stride(state), parts)
+
+    def _monodromies(self, state: State, stride: int, parts: list[slice]) -> tuple[list[np.ndarray], float]:
+        """Do :meth:`monodromies` for the coordinates of each set."""
+        full = state.full(self.model)
+        sizes = [2 * (part.stop - part.start) for part in parts]
+        matrices = [np.empty((size, size)) for size in (*sizes, 0)]
+        least = self.floquet.monodromies(
+            full.z, bases(state, stride)[2], self.forced(full, stride), state.periods, matrices[0], matrices[1]
         )
-        values = parts[0] + 1j * parts[1] if good else np.full(2 * model.size, np.nan + 0j)
-        return Stability(values, float(least[0]) * model.force_scale)
+        decay = np.exp(-np.pi * self.model.damping * state.periods / state.omega)
+        return [matrix * decay for matrix in matrices[: len(parts)]], float(least)
 
     def rest(self, omega: float, harmonics: int) -> State:
         """Return the state of rest of all coordinates that the forcing moves."""

@@ -44,10 +44,11 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing, scaled
-from cablepod.periodic._kernels_map import NO_GROWTH, SIZES, TURNS, scaled_and_turned
+from cablepod.periodic._kernels_map import SIZES, TURNS, scaled_and_turned
 from cablepod.periodic._map import HARMONICS, TAIL_RTOL
 from cablepod.periodic._members import model_of
 from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._multipliers import NO_GROWTH
 from cablepod.periodic._solve import State
 from periodic.chain import ChainModel, ChainSolver
 from periodic.run import CASES, MODE_LINKS

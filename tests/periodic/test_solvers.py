@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 import cablepod as cp
 from cablepod.periodic import _fields as fields
+from cablepod.periodic._continuation import zero_between
 from cablepod.periodic._events import Signs, can_be_told_apart
 from cablepod.periodic._general import GeneralSolver, exponentials, magnus
 from cablepod.periodic._members import model_of
@@ -112,6 +113,19 @@ def test_the_scheme_of_magnus_is_of_fourth_order():
     some = 5.0 * rng.normal(size=(4, 6, 6))
     for given, found in zip(some, exponentials(some), strict=True):
         assert np.abs(found - expm(given)).max() < 1e-12 * np.abs(expm(given)).max()
+
+
+def test_a_zero_between_two_points_is_no_jump():
+    def between(low, high, share):
+        return low + share * (high - low)
+
+    share, point = zero_between((1.0, 3.0), between, lambda x: x**3 - 10.0, 1e-14)
+    assert point == pytest.approx(10.0 ** (1.0 / 3.0), rel=1e-13)
+    assert share == pytest.approx(0.5 * (point - 1.0), rel=1e-13)
+    assert zero_between((1.0, 3.0), between, lambda x: x, 1e-14) is None
+    assert zero_between((1.0, 3.0), between, lambda x: 1.0 / (x - 1.7), 1e-14) is None
+    assert zero_between((1.0, 3.0), lambda *_: None, lambda x: x - 1.7, 1e-14) is None
+    assert zero_between((1.0, 3.0), between, lambda x: x - 1.7 if x in (1.0, 3.0) else np.nan, 1e-14) is None
 
 
 def test_a_complex_pair_that_becomes_real_outside_of_the_circle_is_no_crossing():
