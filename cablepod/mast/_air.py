@@ -13,24 +13,10 @@ from cablepod.mast._kernels_layout import NODES_TOGETHER, TAPS, Loads, MastWind
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS
-from cablepod.wind._air import MIN_REFINED, REFINEMENT, SAMPLES_TOGETHER, refined
+from cablepod.wind._air import SAMPLES_TOGETHER, weights_of_samples
 from cablepod.wind._mast_air import KEPT_FIELDS, MastAir
 
 _LOCK = threading.RLock()
-
-
-@lru_cache
-def time_weights(samples: int) -> np.ndarray:
-    """Return the weights of six samples at parts of an interval (parts, 6), between which the air is linear in time.
-
-    They are those of :func:`cablepod.wind._air.refined`: polynomials through the samples, which keep gusts that straight lines
-    would take away; a few samples alone are joined by straight lines.
-    """
-    if samples < MIN_REFINED:
-        return np.eye(6)[2:3].copy()
-    impulses = np.zeros((16, 6))
-    impulses[5:11] = np.eye(6)
-    return np.ascontiguousarray(refined(impulses)[7 * REFINEMENT : 8 * REFINEMENT])
 
 
 @lru_cache(2 * KEPT_FIELDS)
@@ -129,7 +115,7 @@ def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Driv
     rows = np.zeros((2, nodes, modes))
     rows[:, : height.size - 1] = np.swapaxes(by_modes[1:], 0, 1)
     wind = MastWind(
-        request.step * air.samples_per_second, time_weights(len(velocity)), velocity,
+        request.step * air.samples_per_second, weights_of_samples(len(velocity)), velocity,
         np.ascontiguousarray(np.swapaxes(rows, 1, 2)), rows, np.pad(drag[1:], (0, nodes - drag.size + 1)), np.zeros(TAPS),
         np.zeros(2 * nodes), np.zeros(nodes), np.zeros(nodes), np.zeros(modes),
     )  # fmt: skip

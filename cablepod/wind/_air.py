@@ -113,16 +113,22 @@ def refined(velocity: np.ndarray) -> np.ndarray:
     count = len(velocity)
     if count < MIN_REFINED:
         return np.ascontiguousarray(velocity)
-    from cablepod.wind import _kernels_refine as kernel  # numba is imported only to compute
+    samples = velocity.reshape(count, -1)
+    padded = np.concatenate([samples[[0, 0]], samples, samples[[-1, -1]]])  # held beyond the first and the last
+    weights = weights_of_samples(count)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, weights.shape[1], axis=0).swapaxes(1, 2)
+    between = (weights @ windows).reshape(-1, samples.shape[1])
+    return np.concatenate([between, samples[-1:]]).reshape(-1, *velocity.shape[1:])
 
+
+def weights_of_samples(count: int) -> np.ndarray:
+    """Return the weights of the samples two before ... three after at the parts of an interval (parts, 6), of `count` samples.
+
+    They are those of a polynomial through the six; a few samples alone are joined by straight lines, between single parts.
+    """
     nodes = np.arange(-2.0, 4.0)
-    weights = np.empty((REFINEMENT, nodes.size))
-    for k in range(REFINEMENT):
-        place = k / REFINEMENT
-        weights[k] = [np.prod([(place - b) / (a - b) for b in nodes if b != a]) for a in nodes]
-    result = np.empty((REFINEMENT * (count - 1) + 1, *velocity.shape[1:]))
-    kernel.refine(np.ascontiguousarray(velocity).reshape(count, -1), weights, result.reshape(len(result), -1))
-    return result
+    places = np.arange(REFINEMENT) / REFINEMENT if count >= MIN_REFINED else np.zeros(1)
+    return np.array([[np.prod([(place - b) / (a - b) for b in nodes if b != a]) for a in nodes] for place in places])
 
 
 def mean_air_of(p: Parameters) -> CableAir | None:
