@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.chain._air import ChainAir
+from cablepod.chain._small_vibrations import assembled, stiffness_of_links
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of, square
 from cablepod.parameters._parameters import Parameters
@@ -59,10 +60,7 @@ def numbers_at_rest(p: Parameters, count: int) -> tuple[dict[str, float], np.nda
     if p.free_end is not None:
         none = np.full(count, math.nan)
         return numbers, none, none
-    directions = np.zeros((chain.links, 3))
-    directions[:, : p.dims] = reach / length[:, None]
-    projectors = directions[:, :, None] * directions[:, None, :]
-    stiffness = (tension / length)[:, None, None] * (np.eye(3) - projectors) + chain.k[:, None, None] * projectors
+    stiffness = stiffness_of_links(np.pad(reach, ((0, 0), (0, 3 - p.dims))), tension, chain.k)
     basis = _plane_and_normal(along, loads[1:-1].sum(axis=0))
     turned = np.einsum("ca,ncd,db->nab", basis, stiffness, basis)
     return (
@@ -100,13 +98,8 @@ def angular_frequencies(chain: LumpedChain, stiffness: np.ndarray, count: int) -
     """
     from scipy.linalg import eigvalsh  # costly to import
 
-    particles, directions = chain.links + 1, stiffness.shape[1]
-    matrix = np.zeros((particles, directions, particles, directions))
-    lower, upper = np.arange(chain.links), np.arange(1, particles)
-    for i, j, sign in ((lower, lower, 1.0), (upper, upper, 1.0), (lower, upper, -1.0), (upper, lower, -1.0)):
-        matrix[i, :, j] += sign * stiffness
     free = chain.free_particles
-    root = np.repeat(1.0 / np.sqrt(chain.mass[free]), directions)
-    inner = matrix[free, :, free].reshape(root.size, root.size)
+    root = np.repeat(1.0 / np.sqrt(chain.mass[free]), stiffness.shape[1])
+    inner = assembled(stiffness)[free, :, free].reshape(root.size, root.size)
     values = eigvalsh(root[:, None] * inner * root)[:count]
     return np.pad(np.sqrt(np.maximum(values, 0.0)), (0, count - values.size), constant_values=math.nan)

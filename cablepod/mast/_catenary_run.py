@@ -18,7 +18,7 @@ from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.mast._static_guys import GuyStatics, StaticGuy
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import refined
-from cablepod.wind._drag import drag_of
+from cablepod.wind._drag import drag_of, straight_drag
 from cablepod.wind._mast_air import MastAir
 
 #: Intervals of a table, and its reach to both sides over the height of the mast.
@@ -82,10 +82,8 @@ class CatenaryGuys:
         result = np.empty((len(velocity), len(self.guys), 2))
         for g, guy in enumerate(self.guys):
             along = guy.chord / np.linalg.norm(guy.chord)
-            normal = wind[:, g] - (wind[:, g] @ along)[..., None] * along
-            force = np.sqrt((normal * normal).sum(axis=-1))[..., None] * normal[..., (0, 2)]
-            drag = drag_of(guy.p, self.air.density) * guy.length
-            result[:, g] = drag * np.trapezoid(sigma[:, None] * force, sigma, axis=1)
+            force = straight_drag(drag_of(guy.p, self.air.density), guy.length * along, wind[:, g])[0][..., (0, 2)]
+            result[:, g] = np.trapezoid(sigma[:, None] * force, sigma, axis=1)
         return result
 
     def run(self, request: MastRequest) -> MastTrajectory:

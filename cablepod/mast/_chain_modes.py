@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.chain._small_vibrations import assembled, stiffness_of_links
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._nonuniform import compliances
 from cablepod.mast._chain_run import ChainGuys
@@ -54,34 +55,19 @@ def _modes(chain: LumpedChain, position: np.ndarray, count: int) -> tuple[np.nda
 
 def _mass(chain: LumpedChain) -> np.ndarray:
     """Return the mass matrix of all particles (3 (n + 1), 3 (n + 1)) [kg]."""
-    p, n = chain.p, chain.links
+    p = chain.p
     per_length = [segment.mass for segment in p.segments] or [float(p.mass)]
     borders = [0.0, *(segment.end for segment in p.segments)] if p.segments else [0.0, 1.0]
     of_links = compliances(chain.arc_length, borders, 1.0 / np.array(per_length))  # their integral over each link
-    result, particles = np.diag(chain.mass), np.arange(n)
-    result[particles, particles] -= of_links / 12.0
-    result[particles + 1, particles + 1] -= of_links / 12.0
-    result[particles, particles + 1] += of_links / 12.0
-    result[particles + 1, particles] += of_links / 12.0
-    return np.kron(result, np.eye(3))
+    return np.kron(np.diag(chain.mass) - assembled(of_links[:, None, None] / 12.0)[:, 0, :, 0], np.eye(3))
 
 
 def _stiffness(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
     """Return the stiffness of links and springs about rest (3 (n + 1), 3 (n + 1)) [N/m]."""
-    reach = np.diff(position, axis=0)
-    stretched = np.sqrt((reach * reach).sum(axis=1))
-    along = reach[:, :, None] * reach[:, None, :] / (stretched**2)[:, None, None]
-    secant = chain.tensions_and_forces(position)[0] / stretched
-    blocks = chain.k[:, None, None] * along + secant[:, None, None] * (np.eye(3) - along)
-    count = chain.links + 1
-    result = np.zeros((count, 3, count, 3))
-    for j, block in enumerate(blocks):
-        result[j, :, j] += block
-        result[j + 1, :, j + 1] += block
-        result[j, :, j + 1] -= block
-        result[j + 1, :, j] -= block
+    tension = chain.tensions_and_forces(position)[0]
+    result = assembled(stiffness_of_links(np.diff(position, axis=0), tension, chain.k))
     for particle, attachment in zip(chain.attached_particles, chain.p.attachments, strict=True):
         if attachment.spring:
             assert attachment.direction is not None
             result[particle, :, particle] += attachment.spring * np.outer(attachment.direction, attachment.direction)
-    return result.reshape(3 * count, 3 * count)
+    return result.reshape(3 * len(result), -1)

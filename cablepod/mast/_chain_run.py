@@ -32,7 +32,7 @@ from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, refined
-from cablepod.wind._drag import drag_of, drag_step_limit
+from cablepod.wind._drag import drag_of, drag_step_limit, straight_drag
 from cablepod.wind._mast_air import MastAir
 
 #: Step over the stability limit of the links: a chain that goes slack and taut again breaks down near 1.
@@ -179,7 +179,5 @@ class ChainGuys:
     def _top_drag(self, g: int, x: np.ndarray) -> np.ndarray:
         """Return the drag on the upper particle at rest (3,) [N]."""
         assert self.air is not None
-        reach = x[:, -1] - x[:, -2]
         wind = self.air.of_guys(self.air.start)[g, -1]
-        normal = wind - (wind @ reach) / (reach @ reach) * reach
-        return 0.5 * self._airs[g].drags[-1] * np.linalg.norm(reach) * np.linalg.norm(normal) * normal
+        return straight_drag(0.5 * self._airs[g].drags[-1], x[:, -1] - x[:, -2], wind)[0]
