@@ -16,11 +16,11 @@ from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
-from cablepod.periodic._continuation import AMPLITUDE, SLACK, zero_between
+from cablepod.periodic._continuation import AMPLITUDE, SLACK, adapted, zero_between
 from cablepod.periodic._forcing import Forcing, refuse_wind, unforced
 from cablepod.periodic._members import one_member
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, State
+from cablepod.periodic._solve import MIN_HARMONICS, Solver, State
 
 #: Kinds of free vibrations.
 MOTIONS = ("planar", "whirling")
@@ -136,15 +136,7 @@ class _Backbone:
 
     def correct(self, state: State, direction: np.ndarray, target: float) -> tuple[State, np.ndarray, int]:
         """Solve with a condition on all unknowns, with as many harmonics as are needed; directions have all unknowns too."""
-        while True:
-            active = self.active(state)
-            found, tangent, iterations = self.solver.correct(state, direction[active], target, active)
-            whole = np.zeros(state.z.size)
-            whole[active] = tangent
-            if iterations < 0 or found.tail <= TAIL_RTOL or found.harmonics >= found.most_harmonics:
-                return found, whole, iterations
-            more = min(found.harmonics + MORE_HARMONICS, found.most_harmonics)
-            direction, state = replace(state, z=direction).resized(more).z, found.resized(more)
+        return adapted(self.solver, state, direction, target, self.active)
 
     def start(self, size: float, circular: bool) -> tuple[State, np.ndarray]:
         """Return a vibration of small size without dimension, and the direction of its amplitude."""

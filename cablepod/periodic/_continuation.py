@@ -72,20 +72,25 @@ class Limits:
     reason: Callable[[Point], str] = lambda point: ""
 
 
-def adapted(solver: Solver, state: State, direction: np.ndarray, target: float) -> tuple[State, np.ndarray, int]:
-    """Correct a state, and again with more harmonics until the last two hold no more than `TAIL_RTOL`."""
-    found, tangent, iterations = solver.correct(state, direction, target)
-    if iterations < 0:
-        return found, tangent, iterations
+def adapted(
+    solver: Solver,
+    state: State,
+    direction: np.ndarray,
+    target: float,
+    active: Callable[[State], np.ndarray] | None = None,
+) -> tuple[State, np.ndarray, int]:
+    """Correct a state, and again with more harmonics until the last two hold no more than `TAIL_RTOL`.
+
+    `active` gives the numbers of the unknowns that change, see :meth:`Solver.correct`; None for all.
+    """
     most = state.most_harmonics
-    while found.tail > TAIL_RTOL and found.harmonics < most:
-        harmonics = min(found.harmonics + MORE_HARMONICS * state.periods, most)
-        direction = resized_direction(direction, found, harmonics)
-        found = found.resized(harmonics)
-        found, tangent, iterations = solver.correct(found, direction, target)
-        if iterations < 0:
-            break
-    return found, tangent, iterations
+    while True:
+        numbers = () if active is None else (active(state),)
+        found, tangent, iterations = solver.correct(state, direction, target, *numbers)
+        if iterations < 0 or found.tail <= TAIL_RTOL or found.harmonics >= most:
+            return found, tangent, iterations
+        harmonics = min(found.harmonics + MORE_HARMONICS * found.periods, most)
+        direction, state = resized_direction(direction, found, harmonics), found.resized(harmonics)
 
 
 def zero_between(

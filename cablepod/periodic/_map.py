@@ -18,11 +18,11 @@ from cablepod.periodic._multipliers import FAILED, eigenvalues, growth_of, signe
 from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import (
     MAX_HARMONICS,
-    MAX_PHASE_STEP,
     MAX_PHASES,
     MIN_STRIDE,
     Solver,
     State,
+    strides,
     tail_of,
 )
 
@@ -178,9 +178,9 @@ def compute_map(
 
     todo, harmonics = np.arange(omega.size), HARMONICS
     while todo.size:
-        strides, again = _strides(scaled[todo], base.fastest_rate, 4 * harmonics + 4, most), []
-        for stride in np.unique(strides).tolist():
-            columns = todo[strides == stride]
+        own_strides, again = _strides(scaled[todo], base.fastest_rate, 4 * harmonics + 4, most), []
+        for stride in np.unique(own_strides).tolist():
+            columns = todo[own_strides == stride]
             own = np.ones(columns.size, dtype=bool)
             if columns[-1] + 1 in todo:  # with other steps; here for the edge before it alone
                 columns, own = np.append(columns, columns[-1] + 1), np.append(own, False)
@@ -210,7 +210,5 @@ def _changes(kind: np.ndarray, both: bool) -> list[tuple[int, tuple[np.ndarray, 
 
 
 def _strides(omega: np.ndarray, highest: float, samples: int, most: int) -> np.ndarray:
-    """Return the numbers of steps of the scheme for multipliers for each sample, powers of two, at most `most` in all."""
-    steps = 2.0 * np.pi / omega * highest / MAX_PHASE_STEP
-    strides = np.maximum(MIN_STRIDE, 2 ** np.ceil(np.log2(np.maximum(steps / samples, 1.0)))).astype(int)
-    return np.minimum(strides, max(MIN_STRIDE, most // samples))
+    """Return the numbers of steps of the scheme for multipliers for each sample, at most `most` in all."""
+    return np.minimum(strides(2.0 * np.pi / omega, highest, samples), max(MIN_STRIDE, most // samples))

@@ -133,6 +133,12 @@ def bases(state: State, stride: int) -> tuple[int, np.ndarray, np.ndarray]:
     return samples, basis_at(samples, 2 * state.harmonics), basis_at(samples * stride, state.harmonics)
 
 
+def strides(duration: np.ndarray | float, rate: float, samples: int) -> np.ndarray:
+    """Return the numbers of steps of the scheme for multipliers for each sample, powers of two, in periods of durations."""
+    steps = np.minimum(duration * rate / MAX_PHASE_STEP, MAX_PHASES)
+    return MIN_STRIDE * 2 ** np.ceil(np.log2(np.maximum(steps / (samples * MIN_STRIDE), 1.0))).astype(int)
+
+
 @lru_cache(KEPT_BASES)
 def basis_at(phases: int, harmonics: int) -> np.ndarray:
     """Do :func:`harmonics_at`, once."""
@@ -162,7 +168,7 @@ class Solver:
     def correct(
         self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
     ) -> tuple[State, np.ndarray, int]:
-        """Solve with the condition direction . z[active] = target.
+        """Solve with the condition direction . z[active] = target, for the unknowns with the numbers `active`; None: all.
 
         Returns
         -------
@@ -171,15 +177,23 @@ class Solver:
         """
         if active is None:
             active = np.arange(state.z.size)
-        if not self.compiled or direction.size > LARGE:
-            return self._newton(state, direction, target, active)
+        solve = self._newton if not self.compiled or active.size > LARGE else self._newton_of_few
+        z, tangent, iterations = solve(state, direction[active], target, active)
+        self.work += self.overhead + abs(iterations) * active.size**3
+        whole = np.zeros_like(direction)
+        whole[active] = tangent
+        return replace(state, z=z), whole, iterations
+
+    def _newton_of_few(
+        self, state: State, direction: np.ndarray, target: float, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Do :meth:`_newton` in compiled loops, which are faster for few unknowns."""
         stride, z, tangent = self.stride(state), state.z.copy(), np.empty_like(direction)
         samples, basis, _ = bases(state, stride)
         iterations = self.balance.correct(
             z, active, direction, target, basis, self.forced(state, stride), state.periods, stride, samples, tangent
         )
-        self.work += self.overhead + abs(iterations) * direction.size**3
-        return replace(state, z=z), tangent, iterations
+        return z, tangent, iterations
 
     def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
@@ -198,14 +212,12 @@ class Solver:
 
     def _newton(
         self, state: State, direction: np.ndarray, target: float, active: np.ndarray
-    ) -> tuple[State, np.ndarray, int]:
-        """Do :meth:`correct` with the factors of LAPACK, which are faster than compiled loops for many unknowns."""
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Return all unknowns, the direction of the branch in the active ones, and the number of iterations."""
         kernel, z, before = self.balance, state.z.copy(), np.inf
         matrix, rows = np.empty((active.size, active.size)), active[:-1]
         right = np.zeros((active.size, 2))
-        self.work += self.overhead
         for iteration in range(kernel.MAX_ITERATIONS):
-            self.work += active.size**3
             residual, rate, jacobian = self._balance(replace(state, z=z))
             matrix[:-1, :-1], matrix[:-1, -1], matrix[-1] = jacobian[np.ix_(rows, rows)], rate[rows], direction
             right[:-1, 0], right[-1] = -residual[rows], (target - direction @ z[active], 1.0)
@@ -220,8 +232,8 @@ class Solver:
                 break
             before = size_of_change
             if before <= kernel.NEWTON_RTOL * largest:
-                return replace(state, z=z), tangent / np.linalg.norm(tangent), iteration + 1
-        return replace(state, z=z), direction, -1
+                return z, tangent / np.linalg.norm(tangent), iteration + 1
+        return z, direction, -1
 
     def at_frequency(self, state: State) -> tuple[State, np.ndarray, int]:
         """Solve at the frequency of the state."""
@@ -243,11 +255,7 @@ class Solver:
         """
         duration = 2.0 * np.pi * state.periods / max(abs(state.omega), 1e-12)
         check_period(self.model, duration)
-        steps = duration * self.model.fastest_rate / MAX_PHASE_STEP
-        stride, samples = MIN_STRIDE, 4 * state.harmonics + 4
-        while stride * samples < min(steps, MAX_PHASES):
-            stride *= 2
-        return stride
+        return int(strides(duration, self.model.fastest_rate, 4 * state.harmonics + 4))
 
     def stability(self, state: State, stride: int | None = None) -> Stability:
         """Compute the multipliers of a solution over its period."""
