@@ -15,7 +15,7 @@ from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.batch._stack import is_varied
 from cablepod.cli import _mast_map
 from cablepod.errors import SceneError
-from cablepod.integrate._peak_error import MAX_PEAK_ERROR, peak_errors
+from cablepod.integrate._peak_error import MAX_PEAK_ERROR, along_members, peak_errors, slack_members
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 TABLE, PICTURE = "map.csv", "map.png"
@@ -103,15 +103,7 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
 def _notes(results: xr.Dataset) -> list[str]:
     """Return what is doubtful of each member: failed with its reason, not converged, slack; empty for the others."""
     doubtful = time_errors(results, float(results.attrs.get("accepted_time_error", np.inf))) or {}
-    slack = np.zeros(results.sizes["member"], bool)
-    if "tension_minimum" in results:
-        slack |= (results["tension_minimum"].min("link") <= 0.0).values
-    if "smallest_tension" in results:  # of the links of a mast's guys
-        slack |= results["smallest_tension"].values <= 0.0
-    if "smallest_chordwise_force" in results:
-        slack |= results["smallest_chordwise_force"].values < 0.0
-    estimate = results["error_estimate"] if "error_estimate" in results else results["member"] * np.nan
-    wrong = (estimate > MAX_ESTIMATED_ERROR).values
+    slack, wrong = slack_members(results), along_members(results, "error_estimate") > MAX_ESTIMATED_ERROR
     of_peak, notes = peak_errors(results), []
     for i, (number, reason) in enumerate(zip(results["member"].values, results["failure"].values, strict=True)):
         parts = [f"failed: {reason}"] if reason else []

@@ -1,4 +1,4 @@
-"""Time error of the largest tension of a run, from the estimate for all tensions."""
+"""Doubtful members of an ensemble: time error of the largest tension, from the estimate for all tensions; slack cables."""
 
 from __future__ import annotations
 
@@ -25,3 +25,18 @@ def peak_errors(results: xr.Dataset) -> np.ndarray:
     largest = abs(high.max("link"))
     ratio = (error * (high - low).max("link") / largest.where(largest > 0.0)).values
     return np.asarray(ratio, dtype=float)
+
+
+def along_members(results: xr.Dataset, name: str) -> np.ndarray:
+    """Return a variable of numbers along ``member``, its minimum over links; nan if there is none."""
+    if name in results and results[name].dtype.kind == "f":
+        array = results[name].min("link") if results[name].dims == ("member", "link") else results[name]
+        if array.dims == ("member",):
+            return np.asarray(array.values)
+    return np.full(results.sizes["member"], np.nan)
+
+
+def slack_members(results: xr.Dataset) -> np.ndarray:
+    """Tell which members go slack at times (member,): by their links, those of a mast's guys, or the chordwise force."""
+    links, of_guys = (along_members(results, name) <= 0.0 for name in ("tension_minimum", "smallest_tension"))
+    return np.asarray(links | of_guys | (along_members(results, "smallest_chordwise_force") < 0.0))

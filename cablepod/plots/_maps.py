@@ -11,7 +11,7 @@ import xarray as xr
 from cablepod._inputs import MAPPED, powers, taken
 from cablepod.conventions import VARIABLES
 from cablepod.errors import SceneError, scene_error
-from cablepod.integrate._peak_error import MAX_PEAK_ERROR, peak_errors
+from cablepod.integrate._peak_error import MAX_PEAK_ERROR, along_members, peak_errors, slack_members
 from cablepod.parameters._key_paths import key_of_variable, variable_name
 from cablepod.plots import _style
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
@@ -121,19 +121,16 @@ def _mark_doubtful(
     count = result.sizes.get("member")
     if count != across.size:
         return []
-    errors = [_along_members(result, name) for name in ("time_error_estimate", "tension_time_error_estimate")]
+    errors = [along_members(result, name) for name in ("time_error_estimate", "tension_time_error_estimate")]
     accepted = float(result.attrs.get("accepted_time_error", LARGEST_TIME_ERROR))
-    wrong = _along_members(result, "error_estimate") > MAX_ESTIMATED_ERROR
+    wrong = along_members(result, "error_estimate") > MAX_ESTIMATED_ERROR
     late = (errors[0] > accepted) | (errors[1] > accepted)
     if variable == "tension_maximum":  # it may have converged where the motion, or another tension, has not
         of_peak = peak_errors(result)
         late &= np.isnan(of_peak) | (of_peak > MAX_PEAK_ERROR)
     doubtful = late | wrong
     text = "not converged in time" + (f", or model error above {100 * MAX_ESTIMATED_ERROR:g} %" if wrong.any() else "")
-    slack = (_along_members(result, "smallest_chordwise_force") < 0.0) | (
-        _along_members(result, "tension_minimum") <= 0.0
-    )
-    slack |= _along_members(result, "smallest_tension") <= 0.0  # of the links of a mast's guys
+    slack = slack_members(result)
     marks = []
     if doubtful.any():
         if hasattr(drawn, "get_coordinates"):
@@ -148,15 +145,6 @@ def _mark_doubtful(
         ax.plot(across[slack], up[slack], "o", color="white", **look)
         marks.append("white dots: slack at times")
     return marks
-
-
-def _along_members(result: xr.Dataset, name: str) -> np.ndarray:
-    """Return a variable of numbers along ``member``, its minimum over links; nan if there is none."""
-    if name in result and result[name].dtype.kind == "f":
-        array = result[name].min("link") if result[name].dims == ("member", "link") else result[name]
-        if array.dims == ("member",):
-            return np.asarray(array.values)
-    return np.full(result.sizes["member"], np.nan)
 
 
 def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
