@@ -278,14 +278,6 @@ def test_a_sag_of_one_is_the_inextensible_shape_and_of_zero_the_chord():
     assert "initial_points" not in base
 
 
-@pytest.mark.slow
-def test_a_search_polishes_what_it_draws():
-    found = initial_shape.search(draws=12, polished=1, most_evaluations=25, seed=3)
-    assert float(found.polished_misfit[0]) < float(found.search_misfit.min())
-    again = initial_shape.search(draws=12, polished=1, most_evaluations=25, seed=3)
-    assert again.identical(found)
-
-
 def test_errors_of_the_reduced_model_fall_and_lie_above_the_projection():
     found = examples.errors(scenes=("example2",), ranks=(1, 2))
     model, projected = found.reduced_error.values[0], found.projection_error.values[0]
