@@ -218,20 +218,6 @@ class GuySet:
             repeated(self.weight), repeated(self.strain), self.shapes,
         )  # fmt: skip
 
-    def stiffness_of(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Return the part of :meth:`tangent` that belongs to the coordinates (guys, 2 r, 2 r)."""
-        chord, axes = self.frame(upper)
-        softening, slope = 1.0 - 2.0 * self.strain, self.kappa * q
-        along_load = -self.weight * axes[:, 0, 1]
-        straight = self._tension(q, chord) * softening + self.strain * self.rest_force
-        sag = self.stiffness / self.length * softening**2
-        result = (along_load * self.scale**2)[:, None, None] * self.tilt + sag[:, None, None] * (
-            slope[:, :, None] * slope[:, None, :]
-        )
-        diagonal = np.arange(q.shape[1])
-        result[:, diagonal, diagonal] += straight[:, None] * self.kappa
-        return result
-
     def rest(self, upper: np.ndarray, forces: Any = None) -> np.ndarray:
         """Return the coordinates in equilibrium (guys, 2 r).
 
@@ -247,12 +233,12 @@ class GuySet:
         SceneError
             Where no equilibrium is found.
         """
-        _, axes = self.frame(upper)
+        (_, axes), r = self.frame(upper), self.kappa.shape[1]
         taut = np.maximum(self.rest_force, 1e-9)[:, None] * self.kappa
         q = self.loads * (-self.weight * axes[:, 1, 1])[:, None] / taut
         for _ in range(MAX_ITERATIONS):
             out = self.forces(q, upper)[0] if forces is None else forces(q)
-            change = np.linalg.solve(self.stiffness_of(q, upper), out[:, :, None])[:, :, 0]
+            change = np.linalg.solve(self.tangent(q, upper)[:, :r, :r], out[:, :, None])[:, :, 0]
             q = q + change
             if not np.isfinite(q).all():
                 break

@@ -93,10 +93,10 @@ class CondensedGuys:
     @cached_property
     def damping(self) -> np.ndarray:
         """Damping matrices of the ratios of the scene, of vibrations about rest in still air (guys, 2 r, 2 r); or no entries."""
-        guys = self.guys
+        guys, r2 = self.guys, 2 * self.rank
         if self.mast.rest.p.guy_damping_ratios is None or not guys.count:
             return np.empty((0, 0, 0))
-        stiffness = guys.stiffness_of(guys.rest(guys.upper), guys.upper)
+        stiffness = guys.tangent(guys.rest(guys.upper), guys.upper)[:, :r2, :r2]
         return np.stack([modal_damping(self.mast.rest.p.guy_damping_ratios, k, np.ones(len(k))) for k in stiffness])
 
     @cached_property
