@@ -168,12 +168,9 @@ class GuySet:
         return chord, np.stack([along, first, second], axis=1)
 
     def _tension(self, q: np.ndarray, chord: np.ndarray) -> np.ndarray:
+        """Return the mean chordwise forces (guys,) [N]."""
         sag = 0.5 * (1.0 - 2.0 * self.strain) * (self.kappa * q * q).sum(axis=1)
         return self.stiffness * (chord / self.length - 1.0 + sag / self.length)
-
-    def tension(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Return the mean chordwise forces (guys,) [N]."""
-        return self._tension(q, self.frame(upper)[0])
 
     def forces(self, q: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return forces on coordinates (guys, 2 r) and on the ends at fixed coordinates (guys, 3): slopes of minus the energy."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +16,7 @@ from cablepod.periodic._fields import mode_amplitudes
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import State, sets_of
 from cablepod.pod._normal import SETS
-from cablepod.reduced._validity import MAX_FORCING_RATIO
+from cablepod.reduced._validity import MAX_FORCING_RATIO, first_axial_frequency
 
 #: Share of the motion in a harmonic that counts for the comparison with axial frequencies.
 SIGNIFICANT_HARMONIC = 1e-2
@@ -127,7 +126,7 @@ def significant_harmonic(state: State) -> float:
 def axial_attributes(model: PeriodicModel, harmonic_frequency: float) -> dict[str, float]:
     """Compare the highest significant angular frequency [rad/s] with the first axial one."""
     chain = model.condensed.chain
-    axial = math.pi / chain.total_length * math.sqrt(chain.p.stiffness / chain.p.mass)
+    axial = float(first_axial_frequency(chain.p, chain.total_length))
     return {"first_axial_frequency": axial, "forcing_over_axial_frequency": harmonic_frequency / axial}
 
 

@@ -21,13 +21,18 @@ MAX_ESTIMATED_ERROR = 0.5
 MAX_EXTRA_TENSION = 0.05
 
 
+def first_axial_frequency(p: Parameters, length: Any) -> Any:
+    """Return the first axial angular frequency pi/L sqrt(K/mu) of a cable of unstretched `length` [m] [rad/s]."""
+    return math.pi / length * np.sqrt(p.stiffness / p.mass)
+
+
 def forcing_attributes(p: Parameters, length: Any) -> dict[str, Any]:
     """Compare the forcing frequency with the first axial frequency of a cable of unstretched `length` [m].
 
-    Returns numbers for one scene, arrays for stacked members: ``first_axial_frequency`` pi/L sqrt(K/mu) [rad/s] and
+    Returns numbers for one scene, arrays for stacked members: ``first_axial_frequency`` [rad/s] and
     ``forcing_over_axial_frequency``, 0 where nothing changes.
     """
-    axial = math.pi / length * np.sqrt(p.stiffness / p.mass)
+    axial = first_axial_frequency(p, length)
     return {
         "first_axial_frequency": axial,
         "forcing_over_axial_frequency": 2.0 * math.pi / p.shortest_time_scale / axial,
