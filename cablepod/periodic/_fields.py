@@ -37,11 +37,12 @@ def deflections(model: PeriodicModel, q: np.ndarray) -> np.ndarray:
 
 def maximum(values: np.ndarray) -> np.ndarray:
     """Return the largest values over a period (phases, ...), refined by a parabola through three phases."""
-    best = np.argmax(values, axis=0)[None]
-    count = len(values)
-    middle, before, after = (np.take_along_axis(values, (best + shift) % count, axis=0)[0] for shift in (0, -1, 1))
+    count, flat = len(values), values.reshape(len(values), -1)
+    best, each = flat.argmax(axis=0), np.arange(flat.shape[1])
+    before, middle, after = (flat[(best + shift) % count, each] for shift in (-1, 0, 1))
     bend = 2.0 * middle - before - after
-    return middle + np.divide((after - before) ** 2, 8.0 * bend, out=np.zeros_like(middle), where=bend > 0.0)
+    rise = np.divide((after - before) ** 2, 8.0 * bend, out=np.zeros_like(middle), where=bend > 0.0)
+    return (middle + rise).reshape(values.shape[1:])
 
 
 def half_range(values: np.ndarray) -> np.ndarray:
