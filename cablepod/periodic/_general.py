@@ -138,25 +138,23 @@ class GeneralSolver(Solver):
 
     def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
-        samples, harmonics, size = 4 * state.harmonics + 4, state.harmonics, state.z.size - 1
-        forces, basis = self._forces(state, samples), basis_at(samples, 2 * harmonics)
-        residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
-        self.balance.balance(
-            state.z, basis, self.model.damping, state.periods, forces.force, forces.rate, forces.stiffness, residual, rate,
-            jacobian,
-        )  # fmt: skip
+        samples, alpha, factor = 4 * state.harmonics + 4, self.model.damping, state.omega / state.periods
+        c, n, columns = state.coefficients, state.size, 1 + 2 * state.harmonics
+        forces, basis = self._forces(state, samples), basis_at(samples, state.harmonics)
+        project = 2.0 / samples * basis.T
+        project[0] *= 0.5
+        turn = rates_of(np.eye(columns))  # from coefficients to those of the rates, over the frequency
+        inertia = factor**2 * turn @ turn + alpha * factor * turn
+        residual = inertia @ c - project @ forces.force
+        rate = (2.0 * factor * turn @ turn + alpha * turn) @ c / state.periods - project @ forces.rate
+        effect = basis[:, :, None, None] * forces.stiffness[:, None]
         if forces.damping is not None:
-            # the damping acts on the rates, whose cosines are those of the sines, and the other way round
-            sums = basis.T @ forces.damping.reshape(samples, -1) / samples
-            blocks = np.empty((size, size))
-            self.balance.harmonic_blocks(sums.reshape(-1, *forces.damping.shape[1:]), harmonics + 1, 0, blocks)
-            by_rates = blocks.reshape(size, -1, state.size)
-            turned, k = np.zeros_like(by_rates), np.arange(1, harmonics + 1)[:, None] / state.periods
-            turned[:, 1::2], turned[:, 2::2] = -k * by_rates[:, 2::2], k * by_rates[:, 1::2]
-            damped = turned.reshape(size, size)
-            jacobian += state.omega * damped
-            rate += damped @ state.z[:-1]
-        return residual, rate, jacobian
+            rates = basis @ turn
+            effect = effect + factor * rates[:, :, None, None] * forces.damping[:, None]
+            rate += project @ np.einsum("mij,mj->mi", forces.damping, rates @ c / state.periods)
+        jacobian = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
+        jacobian += inertia[:, :, None, None] * np.eye(n)
+        return residual.ravel(), rate.ravel(), jacobian.transpose(0, 2, 1, 3).reshape(columns * n, columns * n)
 
     # --- multipliers ------------------------------------------------------------------------------------------------
 
