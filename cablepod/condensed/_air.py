@@ -63,18 +63,18 @@ class CondensedAir:
         """Relative arc lengths and weights [m] of the points."""
         return self.places.sigma, self.places.weights(self.model.chain.total_length)
 
-    def at_points(self, values: np.ndarray, derivatives: tuple[int, ...] = (0,)) -> list[np.ndarray]:
-        """Interpolate values (r, particle), or derivatives of them by arc length, at the points (points, r)."""
-        return self.places.interpolated(self.model, values, derivatives)
+    def shapes_at_points(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return shapes (r, particle) at the points, their slopes, and the shapes that loads act on (points, r) each."""
+        return self.places.shapes(self.model, values)
 
     @property
     def shapes(self) -> np.ndarray:
-        """Shapes and their slopes at the points (2, points, r)."""
+        """Shapes at the points, their slopes, and the shapes that loads act on (3, points, r)."""
         return self.shapes_of_kernel.transpose(0, 2, 1)[:, : self.rule[0].size]
 
     @property
     def shapes_of_kernel(self) -> np.ndarray:
-        """Shapes and their slopes at the points, filled up (2, r, points)."""
+        """The same, filled up (3, r, points)."""
         return _shapes_at(self.model, self.places)
 
     @property
@@ -317,6 +317,6 @@ def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma:
 
 @lru_cache(KEPT_MODELS)
 def _shapes_at(model: CondensedModel, places: AirPlaces) -> np.ndarray:
-    """Return shapes and slopes at places, filled up (2, r, points); kept with the model."""
-    found = places.interpolated(model, model.shapes, (0, 1))
+    """Return shapes, slopes and shapes of loads at places, filled up (3, r, points); kept with the model."""
+    found = places.shapes(model, model.shapes)
     return np.ascontiguousarray(np.stack([filled_up(values).T for values in found]))

@@ -26,7 +26,7 @@ class DragOfMotion:
         cls, air: CondensedAir, times: np.ndarray, q: np.ndarray, rates: np.ndarray, stretch: np.ndarray
     ) -> DragOfMotion:
         """Compute the drag on coordinates and rates (times, r) with the mean chordwise stretch (times,)."""
-        shapes, slopes = air.shapes
+        shapes, slopes, _ = air.shapes
         sets = air.model.sets
         velocity = air.velocity_at(times)
         tangent = np.empty_like(velocity)
@@ -45,7 +45,7 @@ class DragOfMotion:
         return cls(air, force[:, 0], force[:, 1:], tangent[:, 1:], damping)
 
     def on(self, shapes: np.ndarray, n_in_plane: int) -> np.ndarray:
-        """Return the forces on shapes at the points (points, R), the first `n_in_plane` in plane: (times, R)."""
+        """Return the forces on shapes of loads at the points (points, R), the first `n_in_plane` in plane: (times, R)."""
         weighted = self.air.weights_of_forces[:, None] * shapes
         parts = [self.normal[:, 0] @ weighted[:, :n_in_plane]]
         parts += [self.normal[:, k] @ weighted[:, n_in_plane:] for k in range(1, self.normal.shape[1])]

@@ -17,6 +17,8 @@ from cablepod.wind._air import linear_between
 AT_BORDER = 1e-9
 #: Minimum number of particles of a part whose shapes are interpolated by splines; linearly below.
 FOR_SPLINE = 4
+#: Points of the rule by which shapes are projected, over those of a part.
+FINE = 3
 
 
 @lru_cache(16)
@@ -57,29 +59,54 @@ class AirPlaces(NamedTuple):
         parts = [(0.5 * length * (end - begin)) * gauss(count)[1] for begin, end, count in self.parts]
         return np.concatenate([*parts, np.zeros(len(self.bodies))])
 
-    def interpolated(self, model: Coefficients, values: np.ndarray, derivatives: tuple[int, ...]) -> list[np.ndarray]:
-        """Interpolate values (r, particle), or first derivatives of them by arc length, at the places (points, r)."""
+    def shapes(self, model: Coefficients, values: np.ndarray) -> list[np.ndarray]:
+        """Return shapes (r, particle) at the places, their slopes, and the shapes that loads act on (points, r) each.
+
+        Integrals of the first with polynomials of a degree below the number of points of a part are kept.  Those of the last are
+        the sums over the particles: loads are lumped there as in the chain, which on n links changes them by (pi / n)^2 / 12.
+        """
         from scipy.interpolate import CubicSpline
 
         place, total = model.chain.arc_length, model.chain.total_length
-        if model.is_uniform:
-            spline = CubicSpline(place, values, axis=1)
-            return [spline(self.sigma * total, order).T for order in derivatives]
-        results: list[list[np.ndarray]] = [[] for _ in derivatives]
+        results: tuple[list[np.ndarray], ...] = ([], [], [])
         first = 0
         for begin, end, count in self.parts:
+            nodes, weights = gauss(FINE * count)
+            nodes = 0.5 * (1.0 + nodes)
+            fine = (begin + (end - begin) * nodes) * total
             at = self.sigma[first : first + count] * total
-            inside = (place >= (begin - AT_BORDER) * total) & (place <= (end + AT_BORDER) * total)
-            own = place[inside]
-            ends_there = own.size >= FOR_SPLINE and np.ptp(own) > (end - begin - 4.0 * AT_BORDER) * total
-            if ends_there:
-                spline = CubicSpline(own, values[:, inside], axis=1)
-            for result, order in zip(results, derivatives, strict=True):
-                result.append(spline(at, order) if ends_there else _linear(place, values, at, order))
+            inside = (place > (begin + AT_BORDER) * total) & (place < (end - AT_BORDER) * total)
+            own = np.concatenate([[begin * total], place[inside], [end * total]])
+            of_own = _linear(place, values, own, 0)
+            if own.size >= FOR_SPLINE:
+                spline = CubicSpline(own, of_own, axis=1)
+                of_fine, slopes = spline(fine), spline(at, 1)
+            else:
+                of_fine, slopes = _linear(place, values, fine, 0), _linear(place, values, at, 1)
+            relative = (own / total - begin) / (end - begin)
+            lumped = 0.5 * np.diff(relative, prepend=0.0) + 0.5 * np.diff(relative, append=1.0)
+            results[0].append(of_fine @ projection(count, nodes, 0.5 * weights).T)
+            results[1].append(slopes)
+            results[2].append(of_own @ projection(count, relative, lumped).T)
             first += count
-        for result, order in zip(results, derivatives, strict=True):
-            result.append(_linear(place, values, np.array(self.bodies) * total, order))
+        bodies = np.array(self.bodies) * total
+        for result, order in zip(results, (0, 1, 0), strict=True):
+            result.append(_linear(place, values, bodies, order))
         return [np.concatenate(result, axis=1).T for result in results]
+
+
+def projection(count: int, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the matrix from values between 0 and 1 to those at Gauss points of the same sums with polynomials (count, places).
+
+    `weights` are those of the values in these sums; polynomials have a degree below the number of points.
+    """
+    inner, inner_weights = gauss(count)
+    nodes = 0.5 * (1.0 + inner)
+    lagrange = np.ones((count, at.size))
+    for g, node in enumerate(nodes):
+        for other in np.delete(nodes, g):
+            lagrange[g] *= (at - other) / (node - other)
+    return lagrange * weights / (0.5 * inner_weights)[:, None]
 
 
 def _linear(place: np.ndarray, values: np.ndarray, at: np.ndarray, order: int) -> np.ndarray:
@@ -101,17 +128,12 @@ def projection_matrix(places: AirPlaces, of_air: bytes) -> np.ndarray:
     unit, rows = np.eye(given.size)[:, :, None], []
     for begin, end, count in places.parts:
         inner, inner_weights = gauss(count)
-        nodes, weights = 0.5 * (1.0 + inner), 0.5 * inner_weights
         borders = np.unique(np.concatenate([[0.0, 1.0], np.clip((given - begin) / (end - begin), 0.0, 1.0)]))
         width = np.diff(borders)  # the rule is exact on each interval between two points
         sigma = (borders[:-1, None] + 0.5 * width[:, None] * (1.0 + inner)).ravel()
         parts = (0.5 * width[:, None] * inner_weights).ravel()
-        lagrange = np.ones((count, sigma.size))
-        for g, node in enumerate(nodes):
-            for other in np.delete(nodes, g):
-                lagrange[g] *= (sigma - other) / (node - other)
         hats = linear_between(given, unit, begin + (end - begin) * sigma)[:, :, 0]
-        rows.append((lagrange * parts) @ hats.T / weights[:, None])
+        rows.append(projection(count, sigma, parts) @ hats.T)
     rows.append(linear_between(given, unit, np.array(places.bodies))[:, :, 0].T)
     return filled_up(np.concatenate(rows))
 

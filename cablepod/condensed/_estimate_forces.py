@@ -53,8 +53,8 @@ class EnrichedDrag:
         """
         chain, in_plane = self.air.model.chain, self.equation.enriched_in_plane
         motion = DragOfMotion.of(self.air, times, q, rates, boundary_data[:, 0] / chain.total_length)
-        shapes, slopes = self.air.at_points(self.equation.shapes, (0, 1))
-        return motion.on(shapes, in_plane) + motion.by_tension(slopes, in_plane), motion.damping / self._mass_per_length
+        _, slopes, loads = self.air.shapes_at_points(self.equation.shapes)
+        return motion.on(loads, in_plane) + motion.by_tension(slopes, in_plane), motion.damping / self._mass_per_length
 
     @property
     def _mass_per_length(self) -> float:

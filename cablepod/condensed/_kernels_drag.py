@@ -136,8 +136,8 @@ def _add_drag(
     drag : float array (points,)
         Quadrature weights [m] times c, half the density of the air times drag coefficient and diameter [kg/m2]; 0 at points that
         fill up a vector.
-    shapes : float array (2, r, points)
-        Shapes of the coordinates, and their slopes.
+    shapes : float array (3, r, points)
+        Shapes of the coordinates, their slopes, and the shapes that the drag acts on.
     n_in_plane : int
         Number of in-plane coordinates.
     sigma, moments : float arrays (points,), (2,), or None
@@ -149,10 +149,10 @@ def _add_drag(
         slope_out[:] = 0.0
         _add_motion(n_in_plane, q.size, q, u, shapes[1], shapes[0], slope_out, binormal)
         _spatial_drag(stretch, exact, drag, along, normal, binormal, slope, slope_out)
-        _add_projection(n_in_plane, q.size, shapes[0], binormal, f)
+        _add_projection(n_in_plane, q.size, shapes[2], binormal, f)
     else:
         _planar_drag(stretch, exact, drag, along, normal, slope)
-    _add_projection(0, n_in_plane, shapes[0], normal, f)
+    _add_projection(0, n_in_plane, shapes[2], normal, f)
     if moments is not None:
         moments[0], moments[1] = 0.0, 0.0
         for g in range(drag.size):
@@ -195,12 +195,13 @@ def _add_four(f, first, last, f0, f1, f2, f3):
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, shapes, slopes, n_in_plane, f):
+def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, shapes, n_in_plane, f):
     """Add the drag to the accelerations of at most four coordinates in each plane: :func:`_add_drag` in one loop.
 
     Nothing is stored between its parts, of which each would wait for the one before.  `before` and `after`, two samples of the
-    air, are ((1 + normals) points,), `shapes` and `slopes` (r, points); `spatial` is True or None.
+    air, are ((1 + normals) points,); `shapes` as there; `spatial` is True or None.
     """
+    moved, slopes, loads = shapes[0], shapes[1], shapes[2]
     points, n, size = (
         drag.size // POINTS_IN_VECTOR * POINTS_IN_VECTOR,
         n_in_plane,
@@ -214,12 +215,12 @@ def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, 
     for g in range(points):
         along = before[g] + share * (after[g] - before[g])
         k = drag.size + g
-        normal = before[k] + share * (after[k] - before[k]) - _sum_of_four(shapes, rows, u_in, g)
+        normal = before[k] + share * (after[k] - before[k]) - _sum_of_four(moved, rows, u_in, g)
         slope = _sum_of_four(slopes, rows, q_in, g)
         square, chordwise, slopes_squared = stretch * stretch, stretch, slope * slope
         if spatial is not None:
             k = 2 * drag.size + g
-            binormal = before[k] + share * (after[k] - before[k]) - _sum_of_four(shapes, rows_out, u_out, g)
+            binormal = before[k] + share * (after[k] - before[k]) - _sum_of_four(moved, rows_out, u_out, g)
             slope_out = _sum_of_four(slopes, rows_out, q_out, g)
             slopes_squared += slope_out * slope_out
         if exact is None:
@@ -230,14 +231,14 @@ def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, 
             force = _planar_law(drag[g], chordwise, square, along, normal, slope)
         else:
             _, force, force_out = _spatial_law(drag[g], chordwise, square, along, normal, binormal, slope, slope_out)
-            g0 += shapes[rows_out[0], g] * force_out
-            g1 += shapes[rows_out[1], g] * force_out
-            g2 += shapes[rows_out[2], g] * force_out
-            g3 += shapes[rows_out[3], g] * force_out
-        f0 += shapes[rows[0], g] * force
-        f1 += shapes[rows[1], g] * force
-        f2 += shapes[rows[2], g] * force
-        f3 += shapes[rows[3], g] * force
+            g0 += loads[rows_out[0], g] * force_out
+            g1 += loads[rows_out[1], g] * force_out
+            g2 += loads[rows_out[2], g] * force_out
+            g3 += loads[rows_out[3], g] * force_out
+        f0 += loads[rows[0], g] * force
+        f1 += loads[rows[1], g] * force
+        f2 += loads[rows[2], g] * force
+        f3 += loads[rows[3], g] * force
     _add_four(f, 0, n, f0, f1, f2, f3)
     if spatial is not None:
         _add_four(f, n, size, g0, g1, g2, g3)
@@ -253,10 +254,10 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     sample, share = sample_at(place, wind.shape[0])
     before, after, n, n_out = wind[sample], wind[sample + 1], drag.size, q.size - n_in_plane
     if 0 < n_in_plane <= 4 and n_out == 0:
-        _add_drag_of_few(q, u, stretch, exact, None, before, after, share, drag, shapes[0], shapes[1], n_in_plane, f)
+        _add_drag_of_few(q, u, stretch, exact, None, before, after, share, drag, shapes, n_in_plane, f)
         return
     if 0 < n_in_plane <= 4 and n_out <= 4:
-        _add_drag_of_few(q, u, stretch, exact, True, before, after, share, drag, shapes[0], shapes[1], n_in_plane, f)
+        _add_drag_of_few(q, u, stretch, exact, True, before, after, share, drag, shapes, n_in_plane, f)
         return
     _interpolate_air(before, after, share, work)
     _add_drag(

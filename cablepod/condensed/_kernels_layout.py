@@ -89,7 +89,7 @@ class RunAir(NamedTuple):
     velocity: np.ndarray  #: at the points along the chord, then along each normal (samples, (1 + normals) points) [m/s]
     samples_per_second: float  #: of the air, from the start of the run on [1/s]
     drag: np.ndarray  #: weights of the points, see :func:`cablepod.condensed._kernels_drag._add_drag` (points,) [kg/m]
-    shapes: np.ndarray  #: shapes and slopes at the points (2, r, points)
+    shapes: np.ndarray  #: shapes at the points, slopes, and shapes that loads act on (3, r, points)
     in_plane: int  #: number of in-plane coordinates
     hold: int  #: number of steps from one evaluation of the drag to the next
     held: np.ndarray  #: accelerations by the drag until then, and at the last three evaluations (4, r); changed
@@ -289,7 +289,7 @@ class HostAir(NamedTuple):
     #: quadrature weights [m] times half the density of the air, drag coefficient and diameter (points,)
     drag: np.ndarray
     sigma: np.ndarray  #: relative arc lengths of the points (points,)
-    shapes: np.ndarray  #: shapes and slopes at the points (2, r, points)
+    shapes: np.ndarray  #: shapes at the points, slopes, and shapes that loads act on (3, r, points)
 
 
 class HostCoefficients(NamedTuple):

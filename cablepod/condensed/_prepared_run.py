@@ -132,6 +132,6 @@ def _end_forces_by_drag(
     model, times, chord = air.model, state.instants.times, ends[:, 1] - ends[:, 0]
     stretch = np.sqrt(np.sum(chord**2, axis=1)) / model.chain.total_length
     drag = DragOfMotion.of(air, times, state.q, state.rates, stretch)
-    accelerations = drag.on(air.shapes[0], model.n_in_plane) * coefficients.by_coordinate[layout.MOMENTS]
+    accelerations = drag.on(air.shapes[2], model.n_in_plane) * coefficients.by_coordinate[layout.MOMENTS]
     transverse = drag.moments - np.stack([accelerations[:, which].sum(axis=1) for which in model.sets], axis=1)
     return np.einsum("tk,tkc->tc", transverse, ChordFrame.of(chord, model.reference).normals)

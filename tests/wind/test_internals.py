@@ -80,12 +80,12 @@ def test_the_kernel_sums_all_points_and_coordinates(dims, rank):
     air = CondensedAir(model, _air.air_of(model.chain.p, 0.0), 0.0)
     points = rank + 2
     assert air.rule[0].size == points
-    assert air.shapes_of_kernel.shape == (2, len(model.shapes), -(-points // POINTS_IN_VECTOR) * POINTS_IN_VECTOR)
+    assert air.shapes_of_kernel.shape == (3, len(model.shapes), -(-points // POINTS_IN_VECTOR) * POINTS_IN_VECTOR)
     rng = np.random.default_rng(rank)
     q, rates = 0.3 * rng.normal(size=(2, len(model.shapes))) * [[1.0], [10.0]]
     stretch = model.initial_boundary_data[0] / model.chain.total_length
     motion = DragOfMotion.of(air, np.zeros(1), q[None], rates[None], np.array([stretch]))
-    expected = motion.on(air.shapes[0], model.n_in_plane)[0]
+    expected = motion.on(air.shapes[2], model.n_in_plane)[0]
     assert np.abs(expected).min() > 1e-9
     assert air.acceleration(q, rates) == pytest.approx(expected, rel=1e-9, abs=1e-12 * np.abs(expected).max())
 
