@@ -15,8 +15,6 @@ from cablepod.wind._air import linear_between
 
 #: Distance of a particle from a border of parts that counts as none, over the length.
 AT_BORDER = 1e-9
-#: Minimum number of particles of a part whose shapes are interpolated by splines; linearly below.
-FOR_SPLINE = 4
 #: Points of the rule by which shapes are projected, over those of a part.
 FINE = 3
 
@@ -67,32 +65,22 @@ class AirPlaces(NamedTuple):
         """
         from scipy.interpolate import CubicSpline
 
-        place, total = model.chain.arc_length, model.chain.total_length
-        results: tuple[list[np.ndarray], ...] = ([], [], [])
-        first = 0
+        place, total = model.chain.arc_length / model.chain.total_length, model.chain.total_length
+        moved, slopes, loads = [], [], []
         for begin, end, count in self.parts:
             nodes, weights = gauss(FINE * count)
-            nodes = 0.5 * (1.0 + nodes)
-            fine = (begin + (end - begin) * nodes) * total
-            at = self.sigma[first : first + count] * total
-            inside = (place > (begin + AT_BORDER) * total) & (place < (end - AT_BORDER) * total)
-            own = np.concatenate([[begin * total], place[inside], [end * total]])
-            of_own = _linear(place, values, own, 0)
-            if own.size >= FOR_SPLINE:
-                spline = CubicSpline(own, of_own, axis=1)
-                of_fine, slopes = spline(fine), spline(at, 1)
-            else:
-                of_fine, slopes = _linear(place, values, fine, 0), _linear(place, values, at, 1)
-            relative = (own / total - begin) / (end - begin)
-            lumped = 0.5 * np.diff(relative, prepend=0.0) + 0.5 * np.diff(relative, append=1.0)
-            results[0].append(of_fine @ projection(count, nodes, 0.5 * weights).T)
-            results[1].append(slopes)
-            results[2].append(of_own @ projection(count, relative, lumped).T)
-            first += count
-        bodies = np.array(self.bodies) * total
-        for result, order in zip(results, (0, 1, 0), strict=True):
-            result.append(_linear(place, values, bodies, order))
-        return [np.concatenate(result, axis=1).T for result in results]
+            nodes, at = 0.5 * (1.0 + nodes), 0.5 * (1.0 + gauss(count)[0])
+            inside = place[(place > begin + AT_BORDER) & (place < end - AT_BORDER)]
+            own = np.concatenate([[begin], inside, [end]])
+            of_own, relative = linear_between(place, values, own), (own - begin) / (end - begin)
+            spline = CubicSpline(relative, of_own, axis=1)  # of three particles a parabola, of two a line
+            lumped = 0.5 * (np.diff(relative, prepend=0.0) + np.diff(relative, append=1.0))
+            moved.append(spline(nodes) @ projection(count, nodes, 0.5 * weights).T)
+            slopes.append(spline(at, 1) / ((end - begin) * total))
+            loads.append(of_own @ projection(count, relative, lumped).T)
+        of_bodies = linear_between(place, values, np.array(self.bodies))  # which have no direction
+        parts = [*moved, of_bodies], [*slopes, 0.0 * of_bodies], [*loads, of_bodies]
+        return [np.concatenate(part, axis=1).T for part in parts]
 
 
 def projection(count: int, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -107,13 +95,6 @@ def projection(count: int, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
         for other in np.delete(nodes, g):
             lagrange[g] *= (at - other) / (node - other)
     return lagrange * weights / (0.5 * inner_weights)[:, None]
-
-
-def _linear(place: np.ndarray, values: np.ndarray, at: np.ndarray, order: int) -> np.ndarray:
-    """Interpolate values (r, particle) linearly, or return their slopes (r, points)."""
-    left = np.clip(np.searchsorted(place, at, side="right") - 1, 0, place.size - 2)
-    slope = (values[:, left + 1] - values[:, left]) / (place[left + 1] - place[left])
-    return slope if order else values[:, left] + slope * (at - place[left])
 
 
 @lru_cache(16)
