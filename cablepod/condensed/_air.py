@@ -207,7 +207,7 @@ class CondensedAir:
         if model.order == "leading":
             stretch = model.initial_boundary_data[0] / model.chain.total_length
         else:
-            stretch, exact = 1.0 + model.force(q, rates, model.initial_boundary_data)[2] / model.chain.p.stiffness, True
+            stretch, exact = model.mean_stretch(q, model.initial_boundary_data), True
         kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, shapes, model.n_in_plane, self.bodies, f)
         return model.accelerations(f, q, rates) if model.inertia.size else f
 

@@ -203,6 +203,16 @@ def _record_exact(terms, stretch, closure, number, low, high, monitor):
 # --- steps ------------------------------------------------------------------------------------------------------------
 
 
+@compiled(fastmath=REORDERED_FUSED, counted=False)
+def _mean_stretch(weights, stretch, slope_squared):
+    """Return the mean stretch of the cable from chordwise stretch and squared slopes at points with weights (m,)."""
+    total, length = 0.0, 0.0
+    for j in range(weights.size):
+        total += weights[j] * math.sqrt(stretch[j] * stretch[j] + slope_squared[j])
+        length += weights[j]
+    return total / length
+
+
 @compiled(counted=False)
 def exact_verlet(
     exact, sizes, terms, bounds, damped, rate_terms, air, boundary_data, state, work, begin, record, low, high, monitor
@@ -251,7 +261,9 @@ def exact_verlet(
             if rate_terms.tension_damping > 0.0:
                 _subtract_tension_damping(exact, rate_terms.tension_damping, rates, work, f)
             _subtract_modal_damping(rate_terms.modal_damping, rates, f)
-            _add_held_drag(air, q, rates, 1.0 + tension[0] / exact.stiffness, True, number, step, f)
+            if air is not None:
+                stretch = _mean_stretch(exact.weights, predicted, work.closure[SLOPE_SQUARED])
+                _add_held_drag(air, q, rates, stretch, True, number, step, f)
         _accelerate(exact.inertia, work.mass, f)
         _monitor_frequency(sizes, terms, bounds, row, q, tension, number, monitor)
         is_output = saved < record.steps.size and record.steps[saved] == number

@@ -14,6 +14,7 @@ from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loa
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities, longest_chord
 from cablepod.condensed._kernels_layout import (
+    SLOPE_SQUARED,
     Bounds,
     ExactTerms,
     ExactWork,
@@ -345,6 +346,18 @@ class CondensedModel(Coefficients):
         work, guess = self.exact_work(boundary_data, tangent=True), self.tension_guess(boundary_data, q)
         chord_tension = kernel_exact.exact_force(self.exact_terms, boundary_data, q, v, guess, work, f)
         return f, work.tangent, work.mass, chord_tension
+
+    def mean_stretch(self, q: np.ndarray, boundary_data: np.ndarray) -> float:
+        """Return the mean stretch of the cable in one state by the exact closure."""
+        from cablepod.condensed import _kernels_exact as kernel
+
+        terms, work, guess = (
+            self.exact_terms,
+            self.exact_work(boundary_data, tangent=False),
+            self.tension_guess(boundary_data, q),
+        )
+        kernel.exact_force(terms, boundary_data, q, np.zeros_like(q), guess, work, np.empty_like(q))
+        return float(np.average(np.sqrt(work.stretch[0] ** 2 + work.closure[SLOPE_SQUARED]), weights=terms.weights))
 
     def exact_work(self, boundary_data: np.ndarray, *, tangent: bool) -> ExactWork:
         """Return work arrays of the exact forces with a first guess of the stretch, with a tangent or without."""
