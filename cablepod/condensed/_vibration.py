@@ -89,7 +89,8 @@ def vibration_modes(
     of the ends: c dH = int a w' dS, with c the chordwise compliance of the whole cable.  For a shallow sag s = T, a = w0' and
     c = L0 / K, which is Irvine's equation.  On the links s D^T D + a a^T / c is a sum of squares, and the angular frequencies are
     singular values, so that a nearly inextensible cable loses no digits.  In space each deflection vibrates with the other one
-    held, which differs from free vibrations only where the cable sags out of the plane of chord and vertical.
+    held, which differs from free vibrations where wind or loads bend the cable out of the plane of chord and vertical:
+    :func:`cablepod.cable.frequencies` and :func:`cablepod.summary` have those.
 
     Examples
     --------
@@ -132,6 +133,11 @@ def vibration_modes(
     names = {
         "mode_shape": ("1", "shape of the vibration, of unit norm in the mass of the inner particles over its mean")
     }
+    if p.dims == 3:
+        names["angular_frequency"] = (
+            "rad s-1",
+            "angular frequency of small vibrations about rest with the other deflection held",
+        )
     if static_modes:
         names["angular_frequency"] = ("rad s-1", "root of the Rayleigh quotient of the mode about rest")
     if has_dampers:
