@@ -84,11 +84,12 @@ def test_estimates_of_many_guys_in_wind_against_their_chains():
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.errors.VelocityJumpWarning")
-@pytest.mark.parametrize("order", ["leading", "exact"])
-def test_a_small_motion_in_steady_wind(order: str) -> None:
+@pytest.mark.parametrize(("order", "links"), [("leading", 40), ("exact", 40), ("exact", 4)])
+def test_a_small_motion_in_steady_wind(order: str, links: int) -> None:
     """Drag on the shapes is lumped as that on the chain is: else the mean wind displaces both by (pi / n)^2 / 12 differently.
 
-    Their distance of 5e-4 of the deflection in the wind was 0.5 % of this motion, and nine times the estimate.
+    Their distance of 5e-4 of the deflection in the wind was 0.5 % of this motion, and nine times the estimate; with four links
+    64 % and three thousand times.
     """
     swing = {"kind": "one_minus_cosine", "amplitude": 0.002, "angular_frequency": 0.8}
     scene = cp.make_scene(
@@ -100,7 +101,7 @@ def test_a_small_motion_in_steady_wind(order: str) -> None:
             "motion": {"upper": {"x": swing}},
             "damping": {"mass_proportional": 0.1},
             "wind": {"speed": 19.0, "direction": [0.78, 0.0, 0.63], "profile": "uniform"},
-            "chain": {"links": 40},
+            "chain": {"links": links},
             "time": {"duration": 8.0, "interval": 0.1},
         }
     )  # fmt: skip
