@@ -73,7 +73,7 @@ def curved_stiffness(
     across, against
         Unit vectors across and against the load (..., dims).
     solved
-        Solutions (..., 6), see ``cablepod.catenary._kernels_solve``.
+        Solutions (..., 6), see ``cablepod.catenary._formulas``.
     load, length, elastic
         Load [N/m], unstretched length [m], and that over the axial stiffness [m/N] (...).
     """

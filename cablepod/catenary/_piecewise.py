@@ -176,7 +176,7 @@ class PiecewiseCatenary:
 
     @cached_property
     def columns(self) -> np.ndarray:
-        """Solution (6,) as in ``_kernels_solve.COLUMNS``; forces against and across the sum of all loads."""
+        """Solution (6,) as in ``_formulas.COLUMNS``; forces against and across the sum of all loads."""
         pieces = self.pieces
         tension = _tension_integral(self._starts[2], pieces.load, pieces.length)
         ends = self.end_forces

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cablepod.catenary._bracket import force_by_sag
+from cablepod.catenary._formulas import FOUND
 from cablepod.catenary._piecewise import (
     ALONG_LOAD,
     Pieces,
@@ -23,8 +24,8 @@ from cablepod.catenary._piecewise import (
     reach_of,
     size_of,
 )
+from cablepod.catenary._uniform import resolved, solve_catenary
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._keys import CATENARY_KEYS
 from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
 
@@ -89,19 +90,15 @@ class _Search:
 
 def _uniform(pieces: Pieces, chord: np.ndarray, key: str, value: float, length: float) -> tuple[float, np.ndarray]:
     """Return length [m] and force [N] of the uniform cable, as :meth:`_Search.uniform`."""
-    from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
-
     load = pieces.drops(pieces.length)[-1:] / length
-    stiffness = np.array([length / float((pieces.length / pieces.stiffness).sum())])
-    plane, across, against = np.empty((4, 1)), np.empty_like(load), np.empty_like(load)
-    _kernels_plane.load_planes(chord[None], load, plane, across, against)
-    found, status = np.empty((1, 6)), np.empty(1, dtype=np.int64)
-    for name, given in ((key, value), ("unstretched_length", float(plane[2, 0]) * (1.0 - FIRST_STRAIN))):
-        _kernels_solve.solve_many(*plane, stiffness, CATENARY_KEYS.index(name), np.array([given]), found, status)
-        if status[0] == _kernels_solve.FOUND:
+    stiffness = length / float((pieces.length / pieces.stiffness).sum())
+    *plane, across, against = (field[0] for field in resolved(chord[None], load))
+    for name, given in ((key, value), ("unstretched_length", plane[2] * (1.0 - FIRST_STRAIN))):
+        found, status = solve_catenary(plane, stiffness, name, given)
+        if status == FOUND:
             break
-    horizontal, middle = found[0, 2:4]
-    return float(found[0, 0]), horizontal * across[0] + middle * against[0] + 0.5 * length * load[0]
+    horizontal, middle = found[2:4]
+    return float(found[0]), horizontal * across + middle * against + 0.5 * length * load[0]
 
 
 def _chord(pieces: Pieces, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,9 +10,12 @@ from numpy.typing import ArrayLike
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, check_units, taken
+from cablepod.catenary._formulas import COLUMNS, FOUND
 from cablepod.catenary._piecewise import is_piecewise
-from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenaries, solve_statics
-from cablepod.conventions import COORDINATES, STILL_AIR, label
+from cablepod.catenary._shape import shape
+from cablepod.catenary._statics import load_plane, piecewise_statics, solve_statics
+from cablepod.catenary._uniform import check_solved, solve_catenaries
+from cablepod.conventions import COORDINATES, STILL_AIR, labelled_dataset
 from cablepod.errors import SceneError, scene_error, warn
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
@@ -69,8 +72,6 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     >>> round(float(rest.unstretched_length), 3), round(float(rest.tension_lower))
     (61.156, 14434)
     """
-    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
-
     integer(least=2)("points", points)
     scene = taken("scene", scene, SCENE)
     members = list(Members(scene))
@@ -84,15 +85,15 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
         arrays[0] if single else np.stack(arrays) for arrays in zip(*solved, strict=True)
     )
     lead = () if single else ("member",)
-    result = xr.Dataset(
+    result = labelled_dataset(
         {
             "position": ((*lead, "particle", "coordinate"), position),
             "tension": ((*lead, "particle"), tension),
-            **{name: (lead, scalars[..., i]) for i, name in enumerate(kernel.COLUMNS) if name != "mid_force"},
+            **{name: (lead, scalars[..., i]) for i, name in enumerate(COLUMNS) if name != "mid_force"},
         },
-        coords={"arc_length": ((*lead, "particle"), arc_length), "coordinate": list(COORDINATES[: members[0].dims])},
+        {"coordinate": np.array(COORDINATES[: members[0].dims])},
+        {"arc_length": ((*lead, "particle"), arc_length)},
     )
-    label(result)
     if not single:  # with the units of the scene, words without
         swept = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
         result = result.assign_coords({name: variable.copy() for name, variable in swept.items()})
@@ -105,8 +106,6 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
 
 def _rest_of_member(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Positions (points, dims) [m], tensions [N] and arc lengths [m] of one cable at rest, and its statics (6,)."""
-    from cablepod.catenary import _kernels_shape as kernel
-
     if is_piecewise(p):
         solved = piecewise_statics(p, p.length_key, p.length_value)
         s = solved.total * np.linspace(0.0, 1.0, points)
@@ -115,8 +114,7 @@ def _rest_of_member(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray,
     statics = solve_statics(p, p.length_key, p.length_value)
     plane = load_plane(p)
     s = statics[0] * np.linspace(0.0, 1.0, points)
-    x, y, tension = np.empty(points), np.empty(points), np.empty(points)
-    kernel.shape(s, statics, plane.load, p.stiffness, x, y, tension)
+    x, y, tension = shape(s, statics, plane.load, p.stiffness)
     return p.initial_ends[0] + x[:, None] * plane.across + y[:, None] * plane.against, tension, s, statics
 
 
@@ -156,8 +154,6 @@ def solve(
     >>> cables["unstretched_length"].round(3).tolist()
     [61.18, 61.156]
     """
-    from cablepod.catenary import _kernels_solve as kernel
-
     key = exactly_one("given", given, CATENARY_KEYS)
     if len(given) > 1:
         raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(CATENARY_KEYS)}")
@@ -165,12 +161,12 @@ def solve(
     a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
     plane = a, b, np.hypot(a, b), q
     solutions, status = solve_catenaries(plane, k, key, value)
-    failed = status != kernel.FOUND
+    failed = status != FOUND
     if failed.any():
         i = int(np.argmax(failed))
         numbers = [float(array[i]) for array in (*plane, k, value)]
         check_solved(int(status[i]), numbers[:4], numbers[4], key, numbers[5], name=f"{key}[{i}]")
-    return {name: solutions[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}
+    return {name: solutions[:, column].reshape(arrays[0].shape) for column, name in enumerate(COLUMNS)}
 
 
 def _broadcast(given: dict[str, Any]) -> tuple[np.ndarray, ...]:

@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 
 from cablepod.catenary._bracket import force_by_sag
+from cablepod.catenary._formulas import sag_excess
 from cablepod.catenary._piecewise import is_piecewise
-from cablepod.catenary._statics import check_solved, load_plane, piecewise_statics, solve_catenary
+from cablepod.catenary._statics import load_plane, piecewise_statics
+from cablepod.catenary._uniform import check_solved, solve_catenary
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 
@@ -43,14 +45,12 @@ def sag_of(plane: Sequence[float], stiffness: float, statics: Sequence[float]) -
     Parameters
     ----------
     plane
-        Span, rise, chord [m] and load [N/m], see :class:`cablepod.catenary._statics.LoadPlane`.
+        Span, rise, chord [m] and load [N/m], see :class:`cablepod.catenary._uniform.LoadPlane`.
     stiffness
         Axial stiffness [N].
     statics
-        (6,) as in ``_kernels_solve.COLUMNS``.
+        (6,) as in ``_formulas.COLUMNS``.
     """
-    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
-
     span, rise, _, load = plane[:4]
     length, _, force, middle, lower, upper = statics
     if not (load > 0.0 and span > 0.0):
@@ -58,8 +58,8 @@ def sag_of(plane: Sequence[float], stiffness: float, statics: Sequence[float]) -
     across = force * (rise / span)
     half, mean = 0.5 * load * length, 0.5 * (lower + upper)
     before = (middle - across) / load  # from the point of the sag to the middle
-    if half < SMALL_LOAD * mean:  # the same by the equations of _kernels_solve, without cancellation
-        excess = kernel.sag_excess(math.atanh(half / mean))[0] / (1.0 + mean / stiffness)
+    if half < SMALL_LOAD * mean:  # the same by the equations of _formulas.py, without cancellation
+        excess = sag_excess(math.atanh(half / mean))[0] / (1.0 + mean / stiffness)
         before = middle / load * (excess / (1.0 + excess))
     place = min(max(0.5 * length - before, 0.0), length)
     tension = math.hypot(force, across)

@@ -1,106 +1,19 @@
-"""Statics of the elastic catenary from any one given quantity: for arrays, one scene and many members.
+"""Statics of the elastic catenary of a scene from any one given quantity: for one scene and many members.
 
 A scene is solved as a batch of one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from functools import lru_cache
 
 import numpy as np
 
+from cablepod.catenary._formulas import FOUND, SLACK_WEIGHTLESS
 from cablepod.catenary._piecewise import PiecewiseCatenary, is_piecewise, is_slack_weightless, pieces_of
 from cablepod.catenary._piecewise_solve import solve_pieces
-from cablepod.errors import scene_error
-from cablepod.parameters._keys import CATENARY_KEYS
+from cablepod.catenary._uniform import LoadPlane, check_solved, resolved, solve_catenaries, solve_catenary
 from cablepod.parameters._parameters import Parameters
-
-
-class LoadPlane(NamedTuple):
-    """Chord of a cable in the plane of chord and total load; arrays with a leading dimension for many cables."""
-
-    span: Any  #: of the upper end from the lower one, across the load (>= 0) [m]
-    rise: Any  #: the same, against the load [m]
-    chord: Any  #: distance of the ends [m]
-    load: Any  #: total load per unstretched length [N/m]
-    across: np.ndarray  #: unit vector across the load (dims,), zero where the chord lies along the load
-    against: np.ndarray  #: unit vector against the load (dims,)
-
-
-def solve_catenaries(
-    plane: Sequence[np.ndarray], stiffness: np.ndarray, key: str, value: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Solve elastic catenaries for one given quantity.
-
-    Parameters
-    ----------
-    plane
-        Span, rise, chord and load as in :class:`LoadPlane` (cables,) [m, m, m, N/m].
-    stiffness
-        Axial stiffness K (cables,) [N].
-    key, value
-        One of ``CATENARY_KEYS`` and its values (cables,) [N or m].
-
-    Returns
-    -------
-    numpy.ndarray
-        (cables, 6), columns as in ``_kernels_solve.COLUMNS``; nan without a solution.
-    numpy.ndarray
-        Status of each cable (cables,), see :func:`check_solved`.
-    """
-    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
-
-    solutions, status = np.empty((value.size, 6)), np.empty(value.size, dtype=np.int64)
-    kind = CATENARY_KEYS.index(key)  # the kernels number the quantities in the same order
-    kernel.solve_many(*plane, stiffness, kind, value, solutions, status)
-    return solutions, status
-
-
-def solve_catenary(plane: Sequence[float], stiffness: float, key: str, value: float) -> tuple[np.ndarray, int]:
-    """Solve one catenary as :func:`solve_catenaries` does many; return its statics (6,) and status."""
-    numbers = [np.array([float(number)]) for number in plane[:4]]
-    solutions, status = solve_catenaries(numbers, np.array([stiffness]), key, np.array([value], dtype=float))
-    return solutions[0], int(status[0])
-
-
-def check_solved(
-    status: int, plane: Sequence[float], stiffness: float, key: str, value: float | str, *, name: str
-) -> None:
-    """Raise the error of a catenary without solution.
-
-    Parameters
-    ----------
-    status
-        As :func:`solve_catenaries` returns it.
-    plane, stiffness, key
-        As in :func:`solve_catenaries`, of one cable.
-    value, name
-        What was given, and its key, in the message.
-
-    Raises
-    ------
-    SceneError
-        Names the least possible tension, or another reason.
-    """
-    from cablepod.catenary import _kernels_solve as kernel
-
-    if status == kernel.FOUND:
-        return
-    if status == kernel.BELOW_LEAST_TENSION:
-        from cablepod.catenary import _kernels_least as kernel_least
-
-        sign = 1.0 if CATENARY_KEYS.index(key) == kernel.UPPER_TENSION else -1.0
-        least = kernel_least.least_tension(*plane, stiffness, sign)
-        raise scene_error(name, value, f"at least {max(least, 0.0):.6g} N, the minimum over all lengths of this cable")
-    if status == kernel.SLACK_WEIGHTLESS:
-        allowed = f"at most the chord, {plane[2]:.12g} m, as a slack cable without load has no shape at rest"
-        raise scene_error(name, value, allowed)
-    if status == kernel.VERTICAL_WITH_FORCE:
-        allowed = "a tension or a length, as the chord lies along the load and no force acts across it"
-        raise scene_error(name, value, allowed)
-    allowed = "a finite value with a catenary in double precision (span, load >= 0, stiffness > 0)"
-    raise scene_error(name, value, allowed)
 
 
 def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> np.ndarray:
@@ -118,7 +31,7 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     Returns
     -------
     numpy.ndarray
-        (6,) as in ``_kernels_solve.COLUMNS``; nan but for the length for a weightless slack cable that starts from given
+        (6,) as in ``_formulas.COLUMNS``; nan but for the length for a weightless slack cable that starts from given
         points, which needs no equilibrium.
 
     Raises
@@ -126,8 +39,6 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     SceneError
         If no such cable exists; the message names the least possible tension.
     """
-    from cablepod.catenary import _kernels_solve as kernel
-
     if is_piecewise(p):
         return piecewise_statics(p, key, value, prefix=prefix).columns
     key, value = _as_tensioned(p, key, value, prefix)
@@ -137,9 +48,9 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
 
         key, value = "horizontal_force", force_of_sag(plane, p.stiffness, value, name=f"{prefix}.sag")
     statics, status = solve_catenary(plane, p.stiffness, key, value)
-    if status == kernel.SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
+    if status == SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
         statics[0] = value
-    elif status != kernel.FOUND:
+    elif status != FOUND:
         name: str = f"{prefix}.{key}"
         given: float | str = value
         if p.expansion != 1.0:
@@ -191,8 +102,6 @@ def length_and_strain(p: Parameters, key: str, value: float, *, prefix: str = "c
 
 def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Solve the catenaries of stacked members (members, 6); also return which have a solution (members,)."""
-    from cablepod.catenary import _kernels_solve as kernel
-
     plane, key, value = load_planes(p), p.length_key, p.length_value
     if p.bare is not None and key != "unstretched_length":
         key, value = "unstretched_length", p.expansion * member_statics(p.bare)[0][:, 0]
@@ -201,7 +110,7 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
 
         key, value = "horizontal_force", forces_of_sags(plane[:4], p.stiffness, value)
     solutions, status = solve_catenaries(plane[:4], p.stiffness, key, value)
-    return solutions, status == kernel.FOUND
+    return solutions, status == FOUND
 
 
 def unstretched_length(p: Parameters) -> float:
@@ -209,6 +118,7 @@ def unstretched_length(p: Parameters) -> float:
     return float(solve_statics(p, p.length_key, p.length_value)[0])
 
 
+@lru_cache(64)
 def load_plane(p: Parameters) -> LoadPlane:
     """Resolve the chord of a scene at time 0 across and against the total load."""
     return LoadPlane(*(field[0] for field in load_planes(p)))
@@ -216,10 +126,5 @@ def load_plane(p: Parameters) -> LoadPlane:
 
 def load_planes(p: Parameters) -> LoadPlane:
     """Do :func:`load_plane` for stacked members, or for one scene as a batch of one; fields are arrays."""
-    from cablepod.catenary import _kernels_plane as kernel
-
     ends = p.initial_ends.reshape(-1, 2, p.dims)
-    chords, loads = ends[:, 1] - ends[:, 0], p.load_at(0.0).reshape(-1, p.dims)
-    planes, across, against = np.empty((4, len(chords))), np.empty_like(chords), np.empty_like(chords)
-    kernel.load_planes(chords, loads, planes, across, against)
-    return LoadPlane(planes[0], planes[1], planes[2], planes[3], across, against)
+    return resolved(ends[:, 1] - ends[:, 0], p.load_at(0.0).reshape(-1, p.dims))

@@ -9,9 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from cablepod.catenary._end_stiffness import STRAIGHT, curved_stiffness, static_stiffness
+from cablepod.catenary._formulas import FOUND
 from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
 from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
-from cablepod.catenary._statics import length_as_tensioned, load_plane, solve_catenaries, solve_statics
+from cablepod.catenary._shape import shape
+from cablepod.catenary._statics import length_as_tensioned, load_plane, solve_statics
+from cablepod.catenary._uniform import resolved, solve_catenaries
 from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
 from cablepod.parameters._guys import Guy
@@ -80,23 +83,20 @@ class GuyStatics:
     """Guys as exact elastic catenaries with their upper ends at given places, all at once."""
 
     def __init__(self, guys: Sequence[StaticGuy], upper: np.ndarray) -> None:
-        from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
-
-        self._guys, self._upper, count = guys, upper, len(guys)
+        self._guys, self._upper = guys, upper
         self.lengths = np.array([guy.length for guy in guys])  #: unstretched (guys,) [m]
         self._spring = np.array([guy.p.stiffness for guy in guys], dtype=float)
         self._reactions = np.array([guy.reactions for guy in guys]).reshape(-1, 2, 3)
         chords = upper - np.array([guy.p.lower for guy in guys], dtype=float).reshape(-1, 3)
         loads = np.array([guy.p.load_at(0.0) for guy in guys], dtype=float).reshape(-1, 3)
-        plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
-        _kernels_plane.load_planes(chords, loads, plane, self._across, self._against)
+        *plane, self._across, self._against = resolved(chords, loads)
         self.loads = plane[3]  #: per unstretched length (guys,) [N/m]
-        #: solutions of the uniform catenaries (guys, 6), see ``cablepod.catenary._kernels_solve``; nan for guys of pieces
-        self.solved, status = solve_catenaries(tuple(plane), self._spring, "unstretched_length", self.lengths)
+        #: solutions of the uniform catenaries (guys, 6), see ``cablepod.catenary._formulas``; nan for guys of pieces
+        self.solved, status = solve_catenaries(plane, self._spring, "unstretched_length", self.lengths)
         own = [g for g, guy in enumerate(guys) if guy.pieces is not None]
         self._hung = {g: guys[g].at(upper[g]).hung() for g in own}
         self.solved[own] = np.nan
-        for g in np.flatnonzero(status != _kernels_solve.FOUND).tolist():
+        for g in np.flatnonzero(status != FOUND).tolist():
             guys[g].at(upper[g]).force()  # says what is wrong
 
     @property
@@ -204,12 +204,9 @@ def _uniform_in_wind(
     guys: Sequence[StaticGuy] = [all_guys[g] for g in which]
     if not guys:
         return []
-    from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
-
     sigma, upper = np.linspace(0.0, 1.0, POINTS), np.array([guy.p.upper for guy in guys])
     density = float(p.wind["air_density"]) if air is None else air.density  # type: ignore[index]
     drag = np.array([drag_of(guy.p, density) for guy in guys])
-    position, tension = np.empty((len(guys), 3, POINTS)), np.empty(POINTS)
     if air is not None:
         points, own = np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[which]
         wind = np.array([[np.interp(sigma, points, part) for part in along.T] for along in own])
@@ -218,7 +215,7 @@ def _uniform_in_wind(
         x, y = np.empty((2, len(guys), POINTS))
         for g, guy in enumerate(guys):
             solved, load, stiffness = statics.solved[g], float(statics.loads[g]), float(guy.p.stiffness)
-            kernel.shape(guy.length * sigma, solved, load, stiffness, x[g], y[g], tension)
+            x[g], y[g], _ = shape(guy.length * sigma, solved, load, stiffness)
         lower, across, against = statics.frames
         position = lower[..., None] + x[:, None] * across[..., None] + y[:, None] * against[..., None]
         reach = np.gradient(position, sigma, axis=2)

@@ -75,7 +75,7 @@ class StaticNumbers:
     diameter: float  #: of a round cross-section of the same area [m]
     modulus: float  #: [Pa]
     density: float  #: [kg/m3]
-    statics: np.ndarray  #: (6,) as in ``catenary._kernels_solve.COLUMNS``
+    statics: np.ndarray  #: (6,) as in ``catenary._formulas.COLUMNS``
     load: float  #: largest sum of the loads beside the weight [N]
     motion: float  #: largest displacement of an end along an axis [m]
     motion_key: str  #: key path of that motion

@@ -1,14 +1,15 @@
-"""Measure time and error of the catenary kernel and of a general root search.
+"""Measure time and error of the solution of the catenary and of a general root search.
 
     python pipelines/benchmarks/catenary.py [--members 10000] [--repeats 7] [--readme]
 
-One thread.  Each row is one set of random cables of a kind (seed fixed).  ``array`` is the time of `solve_many` over all members
-divided by their number; ``call`` that of one call of `solve` from Python, over 1000 calls; ``root`` that of `scipy.optimize.root`
-(hybr, tolerance 1e-13) on the two (length or force given) or three equations of the closed form of textbooks, started from a
-straight or parabolic cable of the same length, over 100 members.  All are medians of the repeats in microseconds, after a warm-up
-that includes compilation.  Errors are maxima over the same 30 members, relative (lengths to themselves, forces to the maximum
-tension), against the tests' 50-digit reference; ``limit`` is the effect of one rounding of the given value on the exact answer.
-Members where `root` stops without success, or at another cable than the shortest, count as failed and not in its error.  Needs
+One thread.  Each row is one set of random cables of a kind (seed fixed).  ``array`` is the time of `solve_many` over all
+members divided by their number; ``call`` that of one call of `solve`, plain Python, over 1000 calls; ``root`` that of
+`scipy.optimize.root` (hybr, tolerance 1e-13) on the two (length or force given) or three equations of the closed form of
+textbooks, started from a straight or parabolic cable of the same length, over 100 members.  All are medians of the repeats in
+microseconds, after a warm-up that includes compilation.  Errors are maxima over the same 30 members, relative (lengths to
+themselves, forces to the maximum tension), against the tests' 50-digit reference; ``limit`` is the effect of one rounding of
+the given value on the exact answer.  Members where `root` stops without success, or at another cable than the shortest, count
+as failed and not in its error.  Needs
 the extra ``test``.
 """
 
@@ -26,17 +27,18 @@ import numpy as np
 from _study import command_line, markdown_table, median_time, show_table
 from scipy.optimize import root
 
-from cablepod.catenary import _kernels_solve as kernel
+from cablepod.catenary import _formulas as formulas
+from cablepod.catenary._kernels_solve import solve_many
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from references import catenary_mpmath as reference
 
 HERE = Path(__file__).resolve().parent
 KINDS = {
-    "length": kernel.LENGTH,
-    "upper": kernel.UPPER_TENSION,
-    "lower": kernel.LOWER_TENSION,
-    "force": kernel.HORIZONTAL_FORCE,
+    "length": formulas.LENGTH,
+    "upper": formulas.UPPER_TENSION,
+    "lower": formulas.LOWER_TENSION,
+    "force": formulas.HORIZONTAL_FORCE,
 }
 COLUMN = {"length": 0, "upper": 5, "lower": 4, "force": 2}
 WHICH = {"upper": 0, "lower": 1, "force": 2}
@@ -129,11 +131,11 @@ def measure(name, kind, count, repeats):
     """Return one row of the table."""
     a, b, c, q, k, length = members(name, count)
     out, status = np.empty((count, 6)), np.empty(count, dtype=np.int64)
-    kernel.solve_many(a, b, c, q, k, kernel.LENGTH, length, out, status)
+    solve_many(a, b, c, q, k, formulas.LENGTH, length, out, status)
     value = out[:, COLUMN[kind]].copy()
     number = KINDS[kind]
-    array = warm_time(lambda: kernel.solve_many(a, b, c, q, k, number, value, out, status), repeats) / count
-    refused = int((status != kernel.FOUND).sum())
+    array = warm_time(lambda: solve_many(a, b, c, q, k, number, value, out, status), repeats) / count
+    refused = int((status != formulas.FOUND).sum())
 
     rows = list(
         zip(a.tolist(), b.tolist(), c.tolist(), q.tolist(), k.tolist(), value.tolist(), length.tolist(), strict=True)
@@ -142,7 +144,7 @@ def measure(name, kind, count, repeats):
 
     def calls():
         for aa, bb, cc, qq, kk, vv, _ in rows[:1000]:
-            kernel.solve(aa, bb, cc, qq, kk, number, vv, one)
+            formulas.solve(aa, bb, cc, qq, kk, number, vv, one)
 
     single = warm_time(calls, repeats) / min(count, 1000)
 
@@ -177,7 +179,7 @@ def main():
     warnings.simplefilter("ignore")  # the general search leaves the range of its equations
     lines = [measure(name, kind, options.members, options.repeats) for name in SETS for kind in KINDS]
     head = ["set", "given", "array [µs]", "call [µs]", "root [µs]"]
-    head += ["error, kernel", "limit", "error, root", "root failed", "kernel refused"]
+    head += ["error, solve", "limit", "error, root", "root failed", "refused"]
     show_table("catenary", markdown_table(head, lines), HERE if options.readme else None)
 
 

@@ -22,8 +22,9 @@ import cablepod.chain._explicit
 import cablepod.condensed._runs
 import cablepod.galerkin._runs  # all loaded at the first call otherwise, too late to be watched
 from cablepod.cable._mesh import mesh_of
-from cablepod.catenary import _kernels_shape as kernels_shape
 from cablepod.catenary import _kernels_solve as catenary_kernel
+from cablepod.catenary._formulas import LENGTH
+from cablepod.catenary._shape import shape
 from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene as shipped
@@ -307,7 +308,7 @@ def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple
     out, status = np.empty((times.size, 6)), np.empty(times.size, dtype=np.int64)
     same = (np.full(times.size, item) for item in (q, p.stiffness, length))
     loads, stiff, lengths = same
-    solve = (span, rise, np.hypot(span, rise), loads, stiff, catenary_kernel.LENGTH, lengths, out, status)
+    solve = (span, rise, np.hypot(span, rise), loads, stiff, LENGTH, lengths, out, status)
     calls = [(function, (times,)) for function in p.motions.values()]
     return [*calls, (catenary_kernel.solve_many, solve)], (ends[:, 0], out, across, against)
 
@@ -326,12 +327,10 @@ def sequence(
     calls, (lower, solutions, across, against) = _catenaries(p, at)
     function, arguments = calls[-1]
     function(*arguments)
-    x, y, tension = np.empty(PLACES), np.empty(PLACES), np.empty(PLACES)
     shapes = np.empty((at.size, PLACES, p.dims))
-    for shape, base, solution in zip(shapes, lower, solutions, strict=True):
-        s = solution[0] * np.linspace(0.0, 1.0, PLACES)
-        kernels_shape.shape(s, solution, p_load(p), p.stiffness, x, y, tension)
-        shape[:] = base + x[:, None] * across + y[:, None] * against
+    for target, base, solution in zip(shapes, lower, solutions, strict=True):
+        x, y, _ = shape(solution[0] * np.linspace(0.0, 1.0, PLACES), solution, p_load(p), p.stiffness)
+        target[:] = base + x[:, None] * across + y[:, None] * against
     position = CubicSpline(at, shapes, axis=0)(times)
     return xr.Dataset(
         {name: (("time", "particle", "coordinate"), position) for name in outputs}, coords={"time": times}

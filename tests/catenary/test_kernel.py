@@ -1,4 +1,4 @@
-"""The catenary kernel against a 50-digit reference that shares no formula with it."""
+"""The solution of the catenary against a 50-digit reference that shares no formula with it."""
 
 import itertools
 import math
@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from references import catenary_mpmath as reference
 
-from cablepod.catenary import _kernels_least as kernel_least
-from cablepod.catenary import _kernels_shape as kernels_shape
-from cablepod.catenary import _kernels_solve as kernel
-from cablepod.catenary._kernels_plane import load_planes
+from cablepod.catenary import _formulas as kernel
+from cablepod.catenary._least_tension import least_tension
+from cablepod.catenary._shape import shape
+from cablepod.catenary._uniform import FEW, resolved, solve_catenaries, solve_catenary
+from cablepod.parameters._keys import CATENARY_KEYS
 
 MP = reference.MP
 UNIT = 2.0**-53
@@ -22,8 +23,8 @@ KINDS = {"upper": kernel.UPPER_TENSION, "lower": kernel.LOWER_TENSION, "force": 
 
 
 def solve(a, b, q, k, kind, value):
-    out = np.empty(6)
-    return kernel.solve(a, b, math.hypot(a, b), q, k, kind, value, out), out
+    out, status = solve_catenary((a, b, math.hypot(a, b), q), k, CATENARY_KEYS[kind], value)
+    return status, out
 
 
 def errors(out, cable):
@@ -39,8 +40,7 @@ def errors(out, cable):
 def shape_errors(out, cable, count=9):
     """Return the largest errors of positions relative to the chord and of tensions relative to the largest."""
     s = np.linspace(0.0, out[0], count)
-    across, along, tension = np.empty(count), np.empty(count), np.empty(count)
-    kernels_shape.shape(s, out, float(cable.q), float(cable.stiffness), across, along, tension)
+    across, along, tension = shape(s, out, float(cable.q), float(cable.stiffness))
     chord, most = MP.hypot(cable.a, cable.b), max(cable.tension(0), cable.tension(cable.length))
     position, force = 0.0, 0.0
     for i in range(count):
@@ -231,9 +231,7 @@ def test_least_tension(a, b, q, k, which, printed):
         assert float(least) == pytest.approx(printed, rel=1e-13)
     most = float(max(cable.tension(0), cable.tension(cable.length)))
     sign = 1.0 if which == 0 else -1.0
-    assert kernel_least.least_tension(a, b, math.hypot(a, b), q, k, sign) == pytest.approx(
-        float(least), rel=0, abs=1e-14 * most
-    )
+    assert least_tension(a, b, math.hypot(a, b), q, k, sign) == pytest.approx(float(least), rel=0, abs=1e-14 * most)
     for margin in (1e-13, 1e-8, 1e-4):
         above, below = float(least + margin * most), float(least - margin * most)
         check_refused(kernel.BELOW_LEAST_TENSION, a, b, q, k, which, below)
@@ -264,13 +262,10 @@ def test_round_trips_between_the_four_ways_to_give_the_length():
     length = c * np.where(
         random.random(n) < 0.5, 1 / (1 + 10.0 ** random.uniform(-4, 0, n)), 1 + 0.001 * random.random(n)
     )
-    first, status = np.empty((n, 6)), np.empty(n, dtype=np.int64)
-    kernel.solve_many(a, b, c, q, k, kernel.LENGTH, length, first, status)
+    first, status = solve_catenaries((a, b, c, q), k, "unstretched_length", length)
     assert (status == kernel.FOUND).all()
-    second = np.empty((n, 6))
     for kind, column in ((kernel.UPPER_TENSION, 5), (kernel.LOWER_TENSION, 4), (kernel.HORIZONTAL_FORCE, 2)):
-        value = first[:, column].copy()
-        kernel.solve_many(a, b, c, q, k, kind, value, second, status)
+        second, status = solve_catenaries((a, b, c, q), k, CATENARY_KEYS[kind], first[:, column].copy())
         # a soft steep cable may hang below its end with more slack than the shorter length of that tension; not the force
         kept = status == kernel.FOUND
         if kind == kernel.HORIZONTAL_FORCE:
@@ -338,8 +333,9 @@ def test_impossible_cables_are_refused(name, value):
 
 
 def test_other_statuses():
+    a, b, q, k = GUY.values()
     for kind in (-1, 4):
-        assert solve(*GUY.values(), kind, 61.0)[0] == kernel.NOT_FOUND
+        assert kernel.solve(a, b, math.hypot(a, b), q, k, kind, 61.0, np.empty(6)) == kernel.NOT_FOUND
     check_refused(kernel.VERTICAL_WITH_FORCE, 0.0, 57.7, 9.8125, 2e7, kernel.HORIZONTAL_FORCE, 1.0)
     # so slack, and unable to stretch instead, that its tension is exp(1000) times the force: refused, not infinite
     check_refused(kernel.NOT_FOUND, 20.4, 57.7, 9.8125, 1e300, kernel.HORIZONTAL_FORCE, 0.1)
@@ -347,18 +343,30 @@ def test_other_statuses():
     check_given(0.0, 57.7, 9.8125, 2e7, kernel.LOWER_TENSION, 0.0)
 
 
-def test_many_are_the_same_as_one_each():
-    length = np.array([61.0, 61.2, 62.0, 150.0, -1.0])
-    n = length.size
-    full = {name: np.full(n, value) for name, value in GUY.items()}
-    out, status = np.empty((n, 6)), np.empty(n, dtype=np.int64)
-    kernel.solve_many(
-        full["a"], full["b"], np.hypot(full["a"], full["b"]), full["q"], full["k"], 3, length, out, status
-    )
-    for i in range(n):
-        one, row = solve(*GUY.values(), 3, length[i])
+def test_many_are_the_same_as_few():
+    length = np.tile([61.0, 61.2, 62.0, 150.0, -1.0], 4)
+    assert length.size > FEW  # compiled code
+    a, b, q, k = (np.full(length.size, value) for value in GUY.values())
+    out, status = solve_catenaries((a, b, np.hypot(a, b), q), k, "unstretched_length", length)
+    for i in range(length.size):
+        one, row = solve(*GUY.values(), kernel.LENGTH, length[i])
         assert one == status[i]
-        np.testing.assert_array_equal(row, out[i])
+        np.testing.assert_allclose(row, out[i], rtol=1e-15)  # roots and hyperbolic functions of two libraries
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, OverflowError, ValueError])
+def test_numbers_that_plain_python_refuses_are_left_to_compiled_code(monkeypatch, error):
+    a, b, q, k = (np.full(1, value) for value in GUY.values())
+    given = (a, b, np.hypot(a, b), q), k, "top_tension", np.array([1875.0])
+    expected = solve_catenaries(*given)
+
+    def refused(*_):
+        raise error
+
+    monkeypatch.setattr(kernel, "solve", refused)
+    found = solve_catenaries(*given)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-15)
+    assert found[1].tolist() == expected[1].tolist() == [kernel.FOUND]
 
 
 @pytest.mark.parametrize("dims", [2, 3])
@@ -368,9 +376,7 @@ def test_chords_are_resolved_across_and_against_any_load(dims):
     loads[:20] = 0.0  # without load the vertical takes its place
     loads[20:40, np.arange(dims) != 1] = 0.0  # weight alone
     chords[40:60] = rng.normal(size=(20, 1)) * loads[40:60]  # along the load
-    planes, across, against = np.empty((4, 200)), np.empty((200, dims)), np.empty((200, dims))
-    load_planes(chords, loads, planes, across, against)
-    span, rise, chord, load = planes
+    span, rise, chord, load, across, against = resolved(chords, loads)
     # each number comes from a few products and sums: a few rounding errors
     np.testing.assert_allclose(
         span[:, None] * across + rise[:, None] * against, chords, rtol=0, atol=4e-16 * chord.max()

@@ -1,15 +1,13 @@
-"""Compiled search of the least tension of an elastic catenary over all lengths."""
+"""Search of the least tension of an elastic catenary over all lengths."""
 
 from __future__ import annotations
 
 import math
 
-from cablepod._jit import compiled
-from cablepod.catenary._kernels_solve import _sigma
+from cablepod.catenary._formulas import _sigma
 
 
-@compiled
-def _mean_tension_at(eta, a, c, q, stiffness):
+def _mean_tension_at(eta: float, a: float, c: float, q: float, stiffness: float) -> float:
     """Compute the mean end tension for the sag parameter `eta`: T (1 + T/K) tanh(eta) = q l / 2."""
     mean = 0.0
     for _ in range(100):
@@ -22,8 +20,7 @@ def _mean_tension_at(eta, a, c, q, stiffness):
     return mean
 
 
-@compiled
-def least_tension(a, b, c, q, stiffness, sign):
+def least_tension(a: float, b: float, c: float, q: float, stiffness: float, sign: float) -> float:
     """Return the minimum tension [N] at the upper (`sign` 1) or lower (-1) end over all lengths.
 
     The end tension T + q b / (2 (1 + e)) increases with the mean T, because no cable has T (1 + e) < q c / 2 (so that

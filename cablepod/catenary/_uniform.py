@@ -1,0 +1,126 @@
+"""Uniform elastic catenaries as arrays: chords across and against their loads, solutions for one given quantity, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cablepod.catenary import _formulas as formulas
+from cablepod.catenary._least_tension import least_tension
+from cablepod.errors import scene_error
+from cablepod.parameters._keys import CATENARY_KEYS
+
+#: Number of cables up to which they are solved one by one, without compiled code.
+FEW = 16
+
+
+class LoadPlane(NamedTuple):
+    """Chord of a cable in the plane of chord and total load; arrays with a leading dimension for many cables."""
+
+    span: Any  #: of the upper end from the lower one, across the load (>= 0) [m]
+    rise: Any  #: the same, against the load [m]
+    chord: Any  #: distance of the ends [m]
+    load: Any  #: total load per unstretched length [N/m]
+    across: np.ndarray  #: unit vector across the load (dims,), zero where the chord lies along the load
+    against: np.ndarray  #: unit vector against the load (dims,)
+
+
+def resolved(chords: np.ndarray, loads: np.ndarray) -> LoadPlane:
+    """Resolve chords c [m] across and against total loads p [N/m] (cables, dims).
+
+    Against the load is -p/|p|, up without load, the rise b = c . against, the span a = |c - b against|; the direction across the
+    load is zero where the chord lies along it.
+    """
+    load, chord = (np.hypot.reduce(vectors, axis=1) for vectors in (loads, chords))
+    has_load = load > 0.0
+    against = np.where(has_load[:, None], -loads, np.eye(loads.shape[1])[1]) / np.where(has_load, load, 1.0)[:, None]
+    rise = (chords * against).sum(axis=1)
+    across = chords - rise[:, None] * against
+    across -= (across * against).sum(axis=1)[:, None] * against  # the first difference may have cancelled
+    span = np.hypot.reduce(across, axis=1)
+    is_along = span <= 1e-15 * chord
+    across = np.where(is_along[:, None], 0.0, across / np.where(is_along, 1.0, span)[:, None])
+    rise = np.where(is_along, np.copysign(chord, rise), rise)
+    return LoadPlane(np.where(is_along, 0.0, span), rise, chord, load, across, against)
+
+
+def solve_catenaries(
+    plane: Sequence[np.ndarray], stiffness: np.ndarray, key: str, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solve elastic catenaries for one given quantity.
+
+    Parameters
+    ----------
+    plane
+        Span, rise, chord and load as in :class:`LoadPlane` (cables,) [m, m, m, N/m].
+    stiffness
+        Axial stiffness K (cables,) [N].
+    key, value
+        One of ``CATENARY_KEYS`` and its values (cables,) [N or m].
+
+    Returns
+    -------
+    numpy.ndarray
+        (cables, 6), columns as in ``_formulas.COLUMNS``; nan without a solution.
+    numpy.ndarray
+        Status of each cable (cables,), see :func:`check_solved`.
+    """
+    solutions, status = np.empty((value.size, 6)), np.empty(value.size, dtype=np.int64)
+    kind = CATENARY_KEYS.index(key)  # the formulas number the quantities in the same order
+    if value.size <= FEW:
+        rows = np.stack([*plane, stiffness, value], axis=1).tolist()
+        try:
+            for i, (a, b, c, q, k, given) in enumerate(rows):
+                status[i] = formulas.solve(a, b, c, q, k, kind, given, solutions[i])
+            return solutions, status
+        except (ArithmeticError, ValueError):
+            pass  # beyond the range of numbers, where compiled code goes on with inf and nan
+    from cablepod.catenary import _kernels_solve as kernel  # takes seconds to compile
+
+    kernel.solve_many(*plane, stiffness, kind, value, solutions, status)
+    return solutions, status
+
+
+def solve_catenary(plane: Sequence[float], stiffness: float, key: str, value: float) -> tuple[np.ndarray, int]:
+    """Solve one catenary as :func:`solve_catenaries` does many; return its statics (6,) and status."""
+    numbers = [np.array([float(number)]) for number in plane[:4]]
+    solutions, status = solve_catenaries(numbers, np.array([stiffness]), key, np.array([value], dtype=float))
+    return solutions[0], int(status[0])
+
+
+def check_solved(
+    status: int, plane: Sequence[float], stiffness: float, key: str, value: float | str, *, name: str
+) -> None:
+    """Raise the error of a catenary without solution.
+
+    Parameters
+    ----------
+    status
+        As :func:`solve_catenaries` returns it.
+    plane, stiffness, key
+        As in :func:`solve_catenaries`, of one cable.
+    value, name
+        What was given, and its key, in the message.
+
+    Raises
+    ------
+    SceneError
+        Names the least possible tension, or another reason.
+    """
+    if status == formulas.FOUND:
+        return
+    if status == formulas.BELOW_LEAST_TENSION:
+        sign = 1.0 if CATENARY_KEYS.index(key) == formulas.UPPER_TENSION else -1.0
+        span, rise, chord, load = plane
+        least = least_tension(span, rise, chord, load, stiffness, sign)
+        raise scene_error(name, value, f"at least {max(least, 0.0):.6g} N, the minimum over all lengths of this cable")
+    if status == formulas.SLACK_WEIGHTLESS:
+        allowed = f"at most the chord, {plane[2]:.12g} m, as a slack cable without load has no shape at rest"
+        raise scene_error(name, value, allowed)
+    if status == formulas.VERTICAL_WITH_FORCE:
+        allowed = "a tension or a length, as the chord lies along the load and no force acts across it"
+        raise scene_error(name, value, allowed)
+    allowed = "a finite value with a catenary in double precision (span, load >= 0, stiffness > 0)"
+    raise scene_error(name, value, allowed)
