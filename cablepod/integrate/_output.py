@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, label, shared_coordinates
+from cablepod.conventions import COORDINATES, labelled_dataset
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import RunStopped
 from cablepod.integrate._means import MEANS, Means
@@ -29,11 +29,11 @@ def chain_coordinates(chain: LumpedChain, *, has_links: bool) -> dict[str, Any]:
     `has_links` tells whether it has variables of the links between them.  Neither particles nor links have labels, by which
     xarray would pair those of the same number in results of different meshes.  Particles with masses of their own have these.
     """
-    coords: dict[str, Any] = {"arc_length": ("particle", chain.particles)}
+    coords: dict[str, Any] = {"arc_length": (PARTICLES[1:2], chain.particles)}
     if (masses := chain.own_masses) is not None:
-        coords["particle_mass"] = ("particle", masses)
+        coords["particle_mass"] = (PARTICLES[1:2], masses)
     if has_links:
-        coords["link_arc_length"] = ("link", middles_of(chain.particles))
+        coords["link_arc_length"] = (LINKS[1:], middles_of(chain.particles))
     return {**coords, "coordinate": np.array(COORDINATES[: chain.p.dims])}
 
 
@@ -147,9 +147,11 @@ def rest_dataset(
     scalars = {**scalars, "residual": float(np.sqrt(square(unbalanced)).max(initial=0.0))}
     variables: dict[str, Any] = {"position": (PARTICLES[1:], position), "tension": (LINKS[1:], tension)}
     variables |= {name: ((), value) for name, value in scalars.items()}
-    result = xr.Dataset(variables, coords=shared_coordinates(coords))
+    further = {name: given for name, given in coords.items() if isinstance(given, tuple)}
+    labels = {name: np.asarray(given) for name, given in coords.items() if name not in further}
+    result = labelled_dataset(variables, labels, further)
     result.attrs = {"stage": "rest", **attrs}
-    return label(result)
+    return result
 
 
 def stop(partial: xr.Dataset | None, time: float, end_time: float, why: str) -> NoReturn:
