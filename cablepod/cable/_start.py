@@ -9,6 +9,7 @@ import numpy as np
 
 from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, mesh_of, part_borders
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.catenary._piecewise import is_piecewise
 from cablepod.catenary._statics import length_and_strain, piecewise_statics
 from cablepod.chain import _start as chain_start
@@ -51,14 +52,12 @@ class CatenaryChain(LumpedChain):
 
 def gauss_points(arc_length: np.ndarray) -> np.ndarray:
     """Return the points of Gauss's rule in all intervals between given arc lengths [m]."""
-    inner = np.polynomial.legendre.leggauss(GAUSS_POINTS)[0]
-    return (arc_length[:-1, None] + 0.5 * np.diff(arc_length)[:, None] * (1.0 + inner)).ravel()
+    return (arc_length[:-1, None] + np.diff(arc_length)[:, None] * gauss_rule(GAUSS_POINTS)[0]).ravel()
 
 
 def catenary_chain(mesh: SpectralMesh, nodes: np.ndarray) -> CatenaryChain:
     """Return the continuous cable in equilibrium; every GAUSS_POINTS-th particle is at one of the arc lengths `nodes` [m]."""
-    weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)[1]
-    length = (0.5 * np.diff(nodes)[:, None] * weight).ravel()
+    length = (np.diff(nodes)[:, None] * gauss_rule(GAUSS_POINTS)[1]).ravel()
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
     arc_length[::GAUSS_POINTS] = nodes
     return CatenaryChain(mesh.p, length, arc_length, mesh.law)

@@ -23,8 +23,9 @@ STRAIGHT = 1e-12
 
 
 @lru_cache
-def _gauss() -> tuple[np.ndarray, np.ndarray]:
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+def gauss_rule(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes and weights of Gauss's rule on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
@@ -84,7 +85,7 @@ def curved_stiffness(
     # the difference of both angles, without cancellation where the cable is taut
     ratio = np.minimum(hanging / (lower + top), 1.0 - 1e-16)
     angle = np.where((low < 0.0) & (high > 0.0), np.arcsinh(high / force) - start, 2.0 * np.arctanh(ratio))
-    nodes, weights = _gauss()
+    nodes, weights = gauss_rule(GAUSS_POINTS)
     u = start[..., None] + angle[..., None] * nodes
     sine, cosine, part = np.tanh(u), 1.0 / np.cosh(u), angle / load
     mixed = -part * ((sine * cosine) @ weights)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cablepod.catenary._bracket import force_by_sag
+from cablepod.catenary._end_force import GAP_RTOL, force_to_reach
 from cablepod.catenary._formulas import FOUND
 from cablepod.catenary._piecewise import (
     ALONG_LOAD,
@@ -31,8 +32,6 @@ from cablepod.parameters._parameters import Parameters
 
 #: Complex step over the size of what is changed (its square is far below rounding).
 COMPLEX_STEP = 1e-30
-#: Relative change of the force in the last step of Newton's method, and maximum number of steps.
-FORCE_RTOL, FORCE_STEPS = 1e-15, 200
 #: Relative error of the given quantity, and last change of the length, at which the search ends; maximum of trials.
 VALUE_RTOL, LENGTH_RTOL, LENGTH_TRIALS = 1e-13, 1e-9, 300
 #: Relative bracket of the length of least tension, near which the tension is quadratic; largest factor of a step.
@@ -114,33 +113,11 @@ def _chord(pieces: Pieces, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     return reach[-1].real, reach[:-1].imag / step, reach[-1].imag / step_length
 
 
-def _force(pieces: Pieces, chord: np.ndarray, force: np.ndarray) -> np.ndarray | None:
-    """Return the force at the lower end that makes pieces reach the `chord` [m]; None if Newton's method does not end."""
-    reach, compliance, _ = _chord(pieces, force)
-    residual = reach - chord
-    before = math.inf
-    for _ in range(FORCE_STEPS):
-        try:
-            step = np.linalg.solve(compliance, -residual)
-        except np.linalg.LinAlgError:
-            return None
-        slope = float(residual @ step)
-        size = float(size_of(step)) / max(float(size_of(force)), 1e-300)
-        if not np.isfinite(size):
-            return None
-        # rounding ends the decrease of the steps
-        if size <= FORCE_RTOL or (size < 1e-9 and size >= 0.5 * before):
-            return force + step if size < before else force
-        before, factor = size, 1.0
-        for _ in range(60):
-            trial = force + factor * step
-            reach, compliance, _ = _chord(pieces, trial)
-            residual = reach - chord
-            if np.isfinite(residual).all() and float(residual @ step) <= 0.5 * abs(slope):
-                break
-            factor *= 0.5
-        force = trial
-    return None
+def _force(pieces: Pieces, chord: np.ndarray, guess: np.ndarray) -> np.ndarray | None:
+    """Return the force at the lower end that makes pieces reach the `chord` [m]; None if none is found."""
+    tolerance = GAP_RTOL * max(float(pieces.length.sum()), float(size_of(chord)))
+    force, gap = force_to_reach(lambda force: _chord(pieces, force)[:2], chord, guess, tolerance)
+    return force if gap <= tolerance else None
 
 
 @lru_cache(64)

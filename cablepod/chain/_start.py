@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
+from cablepod.catenary._end_force import GAP_RTOL, force_to_reach
 from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.discretisation._formulas import green_tangent
+from cablepod.discretisation._laws import strain_at
 from cablepod.errors import SceneError
 
 if TYPE_CHECKING:
@@ -42,29 +45,29 @@ def refuse_rest_in_wind() -> NoReturn:
 
 def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Return positions and tensions of a chain at rest under its loads and a given drag (n + 1, dims) [N]."""
-    from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
-
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
-    stiffness = np.broadcast_to(chain.axial_stiffness, chain.links).copy()
-    forces, tension, gap = link_forces(chain, chain.statics, stiffness, 1e-6 * p.stiffness, drag)
-    scale = max(float(np.linalg.norm(ends[1] - ends[0])), chain.total_length)
-    if not gap <= 1e-11 * scale or not tension.min() > 0.0:
+    forces, tension, gap = link_forces(chain, chain.statics, chain.axial_stiffness, 1e-6 * p.stiffness, drag)
+    if not gap <= gap_tolerance(chain) or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(
             f"chain: no rest found with all links taut{left}; allowed: a scene whose chain does not fold on itself at rest and "
             f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
         )
-    secant = np.empty(tension.size)
-    kernel.secant_moduli(tension, stiffness, chain.green, secant)
-    reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
+    stretch = 1.0 + strain_at(tension, chain.axial_stiffness, green=chain.green)
+    reach = (chain.length * stretch / tension)[:, None] * forces
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]
     return position, tension
 
 
+def gap_tolerance(chain: LumpedChain) -> float:
+    """Return the largest gap at an end of links at rest that counts as rounding [m]."""
+    return GAP_RTOL * max(float(np.linalg.norm(chain.p.initial_ends[1] - chain.p.initial_ends[0])), chain.total_length)
+
+
 def link_forces(
-    chain: LumpedChain, statics: np.ndarray, stiffness: np.ndarray, least: float, drag: np.ndarray | None = None
+    chain: LumpedChain, statics: np.ndarray, stiffness: Any, least: float, drag: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Solve for the force in the first link at rest, which determines all others.
 
@@ -75,7 +78,7 @@ def link_forces(
     statics
         Of a catenary near the chain, whose force is the first guess.
     stiffness
-        Axial stiffness of the links (n,) [N]; infinite for rigid ones.
+        Axial stiffness of the links [N], one number or (n,); infinite for rigid ones.
     least
         Least force of a guess along the chord [N], for a catenary without tension, as without weight.
     drag
@@ -86,18 +89,48 @@ def link_forces(
     tuple
         Forces (n, dims) and tensions (n,) [N] of the links, and the gap left at the upper end [m].
     """
-    from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
-
-    ends = chain.p.end_positions(np.zeros(1))[0]
+    ends, dims = chain.p.initial_ends, chain.p.dims
     chord = ends[1] - ends[0]
     loads = chain.loads(0.0)[1:-1] if drag is None else (chain.loads(0.0) + drag)[1:-1]
     _, _, _, q, across, against = load_plane(chain.p)
     force = statics[2] * across + (statics[3] - 0.5 * q * (chain.total_length - chain.length[0])) * against
     if not np.isfinite(force).all() or not force.any():
         force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), least)
-    gap = kernel.equilibrium(chord, loads, chain.length, stiffness, chain.green, force)
-    forces = force - np.concatenate([np.zeros((1, chain.p.dims)), np.cumsum(loads, axis=0)])
+    # three coordinates, so that planar and spatial scenes have the same bits
+    drops = np.zeros((chain.links, 3))
+    np.cumsum(loads, axis=0, out=drops[1:, :dims])
+    in_space = np.zeros((2, 3))
+    in_space[:, :dims] = chord, force
+
+    def reach_of(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return reach_of_links(force - drops, chain.length, stiffness, green=chain.green)
+
+    first, gap = force_to_reach(reach_of, in_space[0], in_space[1], gap_tolerance(chain))
+    forces = (first - drops)[:, :dims]
     return forces, np.sqrt(square(forces)), gap
+
+
+def reach_of_links(
+    forces: np.ndarray, length: np.ndarray, stiffness: Any, *, green: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the upper from the lower end of links [m], and the derivative by one force along all of them (3, 3) [m/N].
+
+    Parameters
+    ----------
+    forces
+        Of the links (n, 3) [N]; one without a force has no length here.
+    length, stiffness
+        Unstretched lengths (n,) [m] and axial stiffness [N], one number or (n,).
+    green
+        Whether law (21) holds in place of the linear one.
+    """
+    tension = np.sqrt(square(forces))
+    stretch = 1.0 + strain_at(tension, stiffness, green=green)
+    safe = np.where(tension > 0.0, tension, np.inf)
+    unit, stretched = forces / safe[:, None], length * stretch
+    lateral = stretched / safe
+    along = length / (green_tangent(stretch**2, stiffness) if green else stiffness)
+    return stretched @ unit, lateral.sum() * np.eye(3) - ((lateral - along) * unit.T) @ unit
 
 
 def start(chain: LumpedChain, air: ChainAir | None = None) -> np.ndarray:

@@ -17,6 +17,8 @@ from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice
 
 LAWS = ("linear", "green")
+#: Maximum number of iterations for the strain at a tension.
+MAX_ITERATIONS = 60
 
 
 def check_law(law: str) -> None:
@@ -45,6 +47,26 @@ def law_tension(stretch: Any, stiffness: Any, *, green: bool) -> Any:
     if green:
         return green_secant(stretch * stretch, stiffness) * stretch
     return stiffness * (stretch - 1.0)
+
+
+def strain_at(tension: np.ndarray, stiffness: Any, *, green: bool) -> np.ndarray:
+    """Return the strain xi - 1 at a tension of at least 0 [N], the inverse of :func:`law_tension`.
+
+    By law "green" it solves e (1 + e) (1 + e/2) = T / K, whose left side is convex and increasing: Newton's method from e = T / K
+    falls to the solution, without cancellation for small strains.
+    """
+    load = tension / stiffness
+    if not green:
+        return load
+    strain = load
+    for _ in range(MAX_ITERATIONS):
+        lower = strain - (strain * (1.0 + strain) * (1.0 + 0.5 * strain) - load) / green_tangent(
+            (1.0 + strain) ** 2, 1.0
+        )
+        if not (lower < strain).any():
+            break
+        strain = np.minimum(lower, strain)
+    return strain
 
 
 def taut_secant(

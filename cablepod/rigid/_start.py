@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cablepod.catenary._statics import load_plane, solve_statics
-from cablepod.chain._start import link_forces
+from cablepod.chain._start import gap_tolerance, link_forces
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError, scene_error
 
@@ -34,8 +34,10 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     # initial guess: an elastic catenary stiff enough to be close to the rigid one
     stiff = replace(p, stiffness=max(p.stiffness, 1e7 * load_plane(p).load * total))
     statics = solve_statics(stiff, "unstretched_length", total)
-    forces, tension, gap = link_forces(chain, statics, np.full(chain.links, np.inf), 1e-300)
-    if not gap <= 1e-11 * total or not tension.min() > 0.0:
+    forces, tension, gap = link_forces(chain, statics, np.inf, 1e-300)
+    # on one line, in which rigid links do not give way, no force is determined
+    spread = np.linalg.svd(forces, compute_uv=False)
+    if not gap <= gap_tolerance(chain) or not tension.min() > 0.0 or spread[1] <= STRAIGHT * spread[0]:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(
             f"chain: no rest of rigid links found{left}; allowed: a scene whose chain is neither straight nor folded on itself "

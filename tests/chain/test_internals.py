@@ -18,7 +18,6 @@ from cablepod.chain import _kernels_banded as kernels_banded
 from cablepod.chain import _kernels_explicit as kernel_explicit
 from cablepod.chain import _kernels_implicit as kernel_implicit
 from cablepod.chain import _kernels_links as kernels_links
-from cablepod.chain import _kernels_rest as kernels_rest
 from cablepod.chain import _scheme as chain_scheme
 from cablepod.chain import _start as chain_start
 from cablepod.chain._explicit import ExplicitChainRun
@@ -89,23 +88,26 @@ def test_the_difference_quotient_conserves_energy_in_every_case():
             assert gained == pytest.approx(energy(size1**2, inverse) - energy(size0**2, inverse), rel=1e-9, abs=1e-16)
 
 
-@pytest.mark.parametrize("law_is_green", [False, True])
-def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green):
-    # a wrong energy or Hessian costs Newton's method only steps, so the rest itself does not show it
+@pytest.mark.parametrize("green", [False, True])
+def test_the_reach_of_links_and_its_derivative(green):
+    # a wrong derivative costs Newton's method only steps, so the rest itself does not show it
     rng = np.random.default_rng(3)
-    loads, length = rng.normal(size=(4, 3)), rng.uniform(1.0, 2.0, 5)
-    force, stiffness = np.array([3.0, -4.0, 5.0]), rng.uniform(6.0, 12.0, 5)
+    length, stiffness, force = rng.uniform(1.0, 2.0, 5), rng.uniform(6.0, 12.0, 5), np.array([3.0, -4.0, 5.0])
+    drops = np.cumsum(rng.normal(size=(5, 3)), axis=0)
 
     def at(force):
-        gap, hessian = np.zeros(3), np.empty((3, 3))
-        energy = kernels_rest.end_gap(force, loads, length, stiffness, law_is_green, gap, hessian)  # some 0.5
-        return energy, gap, hessian
+        return chain_start.reach_of_links(force - drops, length, stiffness, green=green)
 
-    h = 1e-5
-    sides = [(at(force + d), at(force - d)) for d in h * np.eye(3)]
-    _, gap, hessian = at(force)
-    np.testing.assert_allclose(gap, [(a[0] - b[0]) / (2 * h) for a, b in sides], rtol=1e-8)
-    np.testing.assert_allclose(hessian, [(a[1] - b[1]) / (2 * h) for a, b in sides], rtol=1e-7, atol=1e-8)
+    h, (reach, derivative) = 1e-5, at(force)
+    differences = [(at(force + d)[0] - at(force - d)[0]) / (2 * h) for d in h * np.eye(3)]
+    np.testing.assert_allclose(derivative, differences, rtol=1e-7, atol=1e-8)
+    # from link to link, with the root of T = K xi (xi^2 - 1) / 2
+    total = np.zeros(3)
+    for pull, l0, k in zip(force - drops, length, stiffness, strict=True):
+        tension = float(np.linalg.norm(pull))
+        roots = np.roots([0.5, 0.0, -0.5, -tension / k]) if green else np.array([1.0 + tension / k])
+        total += l0 * float(roots.real.max()) * pull / tension
+    np.testing.assert_allclose(reach, total, rtol=1e-12)
 
 
 @pytest.mark.parametrize("law", ["linear", "green"])
