@@ -12,10 +12,11 @@ import xarray as xr
 
 from cablepod.batch._members import over_members
 from cablepod.cable._air import MeshAir
+from cablepod.cable._equilibrium import solve_equilibrium
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import LAW, element_count, record
-from cablepod.cable._start import catenary_nodes, check_that_drag_settles, equilibrium_in_wind, solve_equilibrium
+from cablepod.cable._start import catenary_nodes, check_that_drag_settles, equilibrium_in_wind
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._damped_vibrations import damped_vibrations

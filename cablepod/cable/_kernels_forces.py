@@ -149,19 +149,6 @@ def _nodal_forces(
 
 
 @compiled
-def forces(x, u, d, weight, scale, stiffness, green, ratios, viscosity, tension_damping):
-    """Compute the internal nodal forces (dims, N) [N]; parameters as in ``verlet``, u is used with these dampings only."""
-    shape = (weight.size, scale.size)
-    f = np.empty_like(x)
-    g, g_dot = np.empty((x.shape[0], *shape)), np.empty((x.shape[0], *shape))
-    _nodal_forces(
-        x, u, d, np.ascontiguousarray(d.T), weight, scale, None, stiffness, green, ratios, viscosity, tension_damping, f, g,
-        g_dot, np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape), 0, np.array([-1.0, 0.0, 0.0, 0.0, 1.0]),
-    )  # fmt: skip
-    return f
-
-
-@compiled
 def _extremes(x, u, order, link_element, link_rows, stiffness, green, ratios, viscosity, low, high):
     """Update the extremes of the tensions [N] midway between output particles."""
     dims = x.shape[0]

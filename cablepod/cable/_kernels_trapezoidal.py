@@ -1,4 +1,4 @@
-"""Compiled tangent stiffness, equilibrium and trapezoidal steps of the spectral elements."""
+"""Compiled tangent stiffness and trapezoidal steps of the spectral elements."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from cablepod.cable._kernels_forces import (
     _products,
     _record_slack,
     _scale_elements,
-    forces,
 )
 from cablepod.chain._kernels_attached import add_bodies, attached_forces, attached_tangent
 from cablepod.discretisation._kernels_modal_damping import damping_forces
@@ -128,74 +127,6 @@ def _solve(band, height, right):
         for k in range(1, height[j] + 1):
             total += band[j, k] * right[j + k]
         right[j] -= total * band[j, 0]
-
-
-@compiled
-def tangent(x, first, free, d, weight, scale, stiffness, green, ratios):
-    """Compute the tangent stiffness at positions x (dims, N) [N/m], as a band matrix of :func:`_tangent`."""
-    dims = x.shape[0]
-    shape = (weight.size, scale.size)
-    g, square, s, b = np.empty((dims, *shape)), np.empty(shape), np.empty(shape), np.empty(shape)
-    nodal, line = np.empty(shape), np.empty(scale.size)
-    for c in range(dims):
-        _gradient(x[c], d, scale, None, nodal, g[c])
-    _products(g, g, square)
-    _law(square, square, weight, stiffness, green, 0.0, s)
-    _axial_tangent(square, weight, stiffness, green, 0.0, 0.0, s, b)
-    if ratios is not None:
-        _scale_elements(s, ratios[0])
-        _scale_elements(b, ratios[0])
-    band = np.zeros((free * dims, weight.size * dims))
-    _tangent(g, s, b, _pairs(d), scale, None, first, line, nodal, band)
-    return band
-
-
-@compiled
-def equilibrium(x, first, free, d, weight, scale, stiffness, green, ratios, loads, tolerance):
-    """Solve for the equilibrium of a cable by Newton's method from nearby positions.
-
-    Parameters
-    ----------
-    x : float array (dims, N)
-        Positions [m]; overwritten.
-    first, free : int
-        Number of the first free node, and number of free nodes.
-    d, weight, scale, stiffness, green, ratios
-        As in :func:`cablepod.cable._kernels_explicit.verlet`.
-    loads : float array (dims, free)
-        Loads [N].
-    tolerance : float
-        Tolerance of the last correction [m].
-
-    Returns
-    -------
-    tuple of bool and float
-        Whether the tolerance was met, and the maximum norm of the last correction [m].
-    """
-    dims = x.shape[0]
-    height = _column_heights(first, free, weight.size - 1, dims)
-    right = np.empty(free * dims)
-    norm, before = np.inf, np.inf
-    for _ in range(MAX_ITERATIONS):
-        f = forces(x, x, d, weight, scale, stiffness, green, ratios, 0.0, 0.0)
-        band = tangent(x, first, free, d, weight, scale, stiffness, green, ratios)
-        for n in range(free):
-            for c in range(dims):
-                right[dims * n + c] = f[c, first + n] + loads[c, n]
-        _solve(band, height, right)
-        norm = 0.0
-        for j in range(right.size):
-            if not abs(right[j]) <= norm:
-                norm = abs(right[j])
-        if not norm < 1e3 * before:  # diverges, or nan
-            return False, norm
-        for n in range(free):
-            for c in range(dims):
-                x[c, first + n] += right[dims * n + c]
-        if norm <= tolerance:
-            return True, norm
-        before = min(before, norm)
-    return False, norm
 
 
 @compiled

@@ -16,7 +16,7 @@ from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._formulas import green_secant, green_tangent, linear_secant
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
-from cablepod.discretisation._laws import LAWS, tangent_stiffness_ratio, taut_secant
+from cablepod.discretisation._laws import LAWS, tangent_stiffness_ratio
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._nonuniform import SAME_PLACE, attachment_fractions
@@ -60,7 +60,7 @@ class SpectralMesh(LumpedChain):
     def tributary_length(self) -> np.ndarray:
         """Tributary length of each node (nodes,) [m]."""
         result = np.zeros(self.arc_length.size)
-        np.add.at(result, self._nodes, self.length.reshape(-1, self.order + 1))
+        np.add.at(result, self.nodes, self.length.reshape(-1, self.order + 1))
         return result
 
     # --- segments and attachments ---
@@ -118,18 +118,18 @@ class SpectralMesh(LumpedChain):
     def _sum_at_nodes(self, per_length: np.ndarray) -> np.ndarray:
         """Sum at the nodes (nodes,) what elements (elements,) have per length."""
         result = np.zeros(self.arc_length.size)
-        np.add.at(result, self._nodes, per_length[:, None] * self.length.reshape(-1, self.order + 1))
+        np.add.at(result, self.nodes, per_length[:, None] * self.length.reshape(-1, self.order + 1))
         return result
 
     @cached_property
-    def _nodes(self) -> np.ndarray:
+    def nodes(self) -> np.ndarray:
         """Node numbers of each element (elements, order + 1)."""
         return np.arange(self.sizes.size)[:, None] * self.order + np.arange(self.order + 1)
 
     @cached_property
     def point_arc_length(self) -> np.ndarray:
         """Unstretched arc lengths of the quadrature points (points,) [m]."""
-        return self.arc_length[self._nodes].ravel()
+        return self.arc_length[self.nodes].ravel()
 
     def _point_pattern(self, load: PointLoad) -> np.ndarray:
         """Return a point load at factor 1 on the node at its place (nodes, dims) [N]."""
@@ -142,7 +142,7 @@ class SpectralMesh(LumpedChain):
     def gradient(self, position: np.ndarray) -> np.ndarray:
         """Differentiate nodal values (..., nodes, dims) by arc length at the quadrature points (..., points, dims)."""
         d = gll_rule(self.order)[2]
-        parts = position[..., self._nodes, :]  # (..., elements, order + 1, dims)
+        parts = position[..., self.nodes, :]  # (..., elements, order + 1, dims)
         g = np.einsum("qi,...eic->...eqc", d, parts) * self.scale[:, None, None]
         return g.reshape(*position.shape[:-2], -1, position.shape[-1])
 
@@ -165,12 +165,13 @@ class SpectralMesh(LumpedChain):
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Compute the internal nodal forces (nodes, dims) [N]."""
-        from cablepod.cable import _kernels_forces as kernel  # numba is imported only to compute
-
-        dampings = (0.0, 0.0) if velocity is None else rate_dampings(self.p)
-        x = np.ascontiguousarray(position.T)
-        u = x if velocity is None else np.ascontiguousarray(velocity.T)
-        return kernel.forces(x, u, *self.law_arguments, *dampings).T
+        g, g_dot = self.gradient(position), None if velocity is None else self.gradient(velocity)
+        stress = self.tensions_along(g, g_dot, 1.0, self.axial_stiffness)[1]
+        at_points = (self.length[:, None] * stress).reshape(self.sizes.size, self.order + 1, -1)
+        at_nodes = np.einsum("qi,eqc,e->eic", gll_rule(self.order)[2], at_points, self.scale)
+        result = np.zeros(position.shape)
+        np.subtract.at(result, self.nodes, at_nodes)
+        return result
 
     @property
     def own_masses(self) -> np.ndarray | None:
@@ -193,17 +194,13 @@ class SpectralMesh(LumpedChain):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Compute tensions (..., links) and their vectors (..., links, dims) [N] midway between output particles."""
         element, rows = self.link_rows
-        nodes = self._nodes[element]
+        nodes = self.nodes[element]
+        stiffness = self.p.stiffness if self.ratios is None else self.element_stiffness[element]
         g = np.einsum("ji,...jic->...jc", rows, position[..., nodes, :])
-        squares, stiffness = square(g), self.p.stiffness if self.ratios is None else self.element_stiffness[element]
-        if self.green:
-            s = green_secant(squares, stiffness)
-            return s * np.sqrt(squares), s[..., None] * g
-        stretch, rate = np.sqrt(squares), None
-        if velocity is not None and self.p.link_viscosity is not None:
-            rate = np.sum(g * np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :]), axis=-1)
-        s = taut_secant(stretch, 1.0, stiffness, self.p.link_viscosity, rate)
-        return s * stretch, s[..., None] * g
+        g_dot = None
+        if velocity is not None and rate_dampings(self.p) != (0.0, 0.0):
+            g_dot = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
+        return self.tensions_along(g, g_dot, 1.0, stiffness)
 
     # --- output particles ---
 
@@ -235,7 +232,7 @@ class SpectralMesh(LumpedChain):
         element, rows = self._locate(arc_length)
         if self.sizes.size == 1:  # without a copy of all nodes for each point
             return rows @ values
-        return np.einsum("ji,...jic->...jc", rows, values[..., self._nodes[element], :])
+        return np.einsum("ji,...jic->...jc", rows, values[..., self.nodes[element], :])
 
     def at_compared(self, position: np.ndarray) -> np.ndarray:
         """Return positions (..., points, dims) at equidistant points: nodes are not, and errors are means over the cable."""
@@ -277,7 +274,7 @@ class SpectralMesh(LumpedChain):
         band = np.zeros((order + 1, count))
         for i in range(order + 1):
             below = np.arange(order + 1 - i)
-            nodes = self._nodes[:, below]
+            nodes = self.nodes[:, below]
             entries = blocks[:, below + i, below] * mass[nodes] * mass[nodes + i]
             band[i, nodes[:, :order]] = entries[:, :order]
             if i == 0:  # the last node of an element is the first of the next

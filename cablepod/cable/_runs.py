@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from cablepod.cable._air import MeshAir
+from cablepod.cable._equilibrium import solve_equilibrium, tangent_stiffness
 from cablepod.cable._mesh import SpectralMesh, rate_dampings
-from cablepod.cable._start import catenary_nodes, solve_equilibrium
+from cablepod.cable._start import catenary_nodes
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
 from cablepod.chain._lanes import ROUNDING
@@ -157,21 +158,15 @@ class ImplicitCableRun(ImplicitChainRun):
     @cached_property
     def modal_damping(self) -> NodalDamping:
         """Damping by the ratios of the scene, of vibrations of the cable about rest."""
-        from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
-
         p, mesh = self.chain.p, self.chain
         if p.damping_ratios is None:
             return NodalDamping.none()
         mesh = replace(mesh, p=replace(p, initial={}))
-        x = np.ascontiguousarray(solve_equilibrium(mesh, catenary_nodes(mesh))[0].T)
-        band = kernel.tangent(x, 1, mesh.links - 1, *mesh.law_arguments)
-        for node, item in zip(mesh.attached_particles, p.attachments, strict=True):
-            if item.spring and item.direction is not None:
-                matrix = item.spring * np.outer(item.direction, item.direction)
-                for c, column in enumerate(range(p.dims * (node - 1), p.dims * node)):
-                    band[column, : p.dims - c] += matrix[c, c:]
-        mass = np.repeat(mesh.mass[1:-1], p.dims)
-        return NodalDamping.of(p, _dense(band), mass, mesh.arc_length / mesh.total_length, band)
+        stiffness = tangent_stiffness(mesh, solve_equilibrium(mesh, catenary_nodes(mesh))[0])
+        if self.attached is not None:
+            self.attached.add_stiffness(stiffness)
+        mass, width = np.repeat(mesh.mass[1:-1], p.dims), p.dims * (mesh.order + 1)
+        return NodalDamping.of(p, stiffness, mass, mesh.arc_length / mesh.total_length, _band(stiffness, width))
 
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run."""
@@ -247,13 +242,11 @@ class _CableStepper(ImplicitStepper):
         return done
 
 
-def _dense(band: np.ndarray) -> np.ndarray:
-    """Return a symmetric matrix from its lower triangle, whose entry (row, column) is at [column, row - column] of the band."""
-    size, width = band.shape
-    result = np.zeros((size, size))
-    for k in range(min(width, size)):
-        diagonal = np.arange(size - k)
-        result[diagonal, diagonal + k] = result[diagonal + k, diagonal] = band[: size - k, k]
+def _band(matrix: np.ndarray, width: int) -> np.ndarray:
+    """Return the lower triangle of a symmetric band matrix: entry (row, column) is at [column, row - column]."""
+    result = np.zeros((len(matrix), width))
+    for k in range(min(width, len(matrix))):
+        result[: len(matrix) - k, k] = np.diagonal(matrix, -k)
     return result
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.cable._air import MeshAir
+from cablepod.cable._equilibrium import solve_equilibrium
 from cablepod.cable._mesh import SpectralMesh, mesh_of, part_borders
 from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.catenary._piecewise import is_piecewise
@@ -91,27 +92,6 @@ def catenary_nodes(mesh: SpectralMesh, arc_length: np.ndarray | None = None, air
             if intervals == REFINEMENTS[-1]:
                 raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
     raise AssertionError("the last try returns or raises")
-
-
-def solve_equilibrium(
-    mesh: SpectralMesh, position: np.ndarray, drag: np.ndarray | float = 0.0
-) -> tuple[np.ndarray, bool]:
-    """Solve for the equilibrium of the nodes (nodes, dims) [m] by Newton's method, starting at `position`.
-
-    `drag` are further forces on the nodes (nodes, dims) [N].
-
-    Also returns whether Newton's method converged.  It fails if elements are too long, or if strains are below the rounding error
-    of positions (the inextensible limit); then `position` is returned unchanged.
-    """
-    from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
-
-    x = np.ascontiguousarray(position.T)
-    loads = np.ascontiguousarray((mesh.loads(0.0) + drag)[1:-1].T)
-    scale = max(mesh.total_length, float(np.abs(position).max()))
-    converged, correction = kernel.equilibrium(x, 1, mesh.links - 1, *mesh.law_arguments, loads, 1e-13 * scale)
-    # rounding limits the corrections, at a higher level for a slack cable
-    converged = converged or correction <= 1e-9 * scale
-    return (np.ascontiguousarray(x.T) if converged else position), converged
 
 
 def equilibrium_in_wind(mesh: SpectralMesh, air: MeshAir) -> np.ndarray:

@@ -238,25 +238,33 @@ class LumpedChain:
 
         By law (21) a compressed link pushes: its tension is negative.
         """
-        reach = np.diff(position, axis=-2)
-        inverse = self.inverse_squares
-        if inverse is not None:
-            squares = square(reach)
-            secant = green_secant(squares * inverse, self.k)
-            return secant * np.sqrt(squares), self._with_tension_damping(secant, reach, velocity)
-        stretched = np.sqrt(square(reach))
-        rate = None
-        if velocity is not None and self.p.link_viscosity is not None:
-            rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
-        secant = taut_secant(stretched, self.length, self.k, self.p.link_viscosity, rate)
-        return secant * stretched, self._with_tension_damping(secant, reach, velocity)
+        reach, rate = np.diff(position, axis=-2), None if velocity is None else np.diff(velocity, axis=-2)
+        return self.tensions_along(reach, rate, self.length, self.k)
 
-    def _with_tension_damping(self, secant: np.ndarray, reach: np.ndarray, velocity: np.ndarray | None) -> np.ndarray:
-        """Return the forces of links (..., n, dims) [N] with tension over length `secant` [N/m], damping by tension included."""
+    def tensions_along(
+        self, reach: np.ndarray, rate: np.ndarray | None, length: Any, stiffness: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return tensions (...) and forces (..., dims) [N] along vectors, with damping where their `rate` (..., dims) is known.
+
+        Parameters
+        ----------
+        reach, rate
+            Vectors of links (..., dims) [m] and their rates [m/s], or derivatives of the position by arc length and theirs.
+        length, stiffness
+            Unstretched lengths [m], 1 for derivatives; stiffness over them [N/m].
+        """
+        p, squares = self.p, square(reach)
+        stretched = np.sqrt(squares)
+        if self.green:
+            secant = green_secant(squares * (1.0 / (length * length)), stiffness)
+        else:
+            is_viscous = rate is not None and p.link_viscosity is not None
+            stretching = np.sum(reach * rate, axis=-1) if is_viscous else None
+            secant = taut_secant(stretched, length, stiffness, p.link_viscosity, stretching)
         force = secant[..., None] * reach
-        if velocity is None or self.p.tension_damping is None:
-            return force
-        return force + self.p.tension_damping * np.maximum(secant, 0.0)[..., None] * np.diff(velocity, axis=-2)
+        if rate is not None and p.tension_damping is not None:
+            force += p.tension_damping * np.maximum(secant, 0.0)[..., None] * rate
+        return secant * stretched, force
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Return the forces of the links on the particles (..., n + 1, dims) [N]."""

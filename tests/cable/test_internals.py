@@ -10,9 +10,10 @@ from wind_scenes import GUY, WIND
 
 import cablepod as cp
 from cablepod.cable import _scheme as cable_scheme
+from cablepod.cable._equilibrium import solve_equilibrium
 from cablepod.cable._frequencies import vibrations
 from cablepod.cable._mesh import mesh_of
-from cablepod.cable._start import catenary_nodes, solve_equilibrium
+from cablepod.cable._start import catenary_nodes
 from cablepod.cli import _report
 from cablepod.discretisation import _gll as gll
 from cablepod.parameters._from_scene import parameters

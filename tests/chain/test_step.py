@@ -69,14 +69,19 @@ def test_the_tolerance_is_met_where_the_motion_begins_with_a_jump(soft):
 
 
 def test_a_broken_finite_run_is_stopped_at_the_first_sign(scenes):
-    # links slacken and snap taut: the step is below the limit of taut links, 3.4e-4 s, yet every snap adds energy
+    # links slacken and snap taut: the step is below the limit of taut links, 3.4e-4 s, yet every snap adds energy; when it is
+    # too much depends on rounding, as the motion is chaotic
     scene = cp.read_scene(scenes / "example3_swapped_rows.toml")
-    said = r"the run broke down: at 99 s the links hold .* J, .* explain \(velocity_verlet, step 0\.00025 s, limit 0\.0"
+    said = (
+        r"the run broke down: at (\d+) s the links hold .* J, .* explain \(velocity_verlet, step 0\.00025 s, limit 0\.0"
+    )
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.chain.simulate(scene, step=2.5e-4)
     assert str(stopped.value).endswith("try scheme energy_momentum, or a step half as long")
-    assert stopped.value.partial.sizes["time"] == 99
-    assert stopped.value.partial.attrs["incomplete"] == "stopped at 99 s of 124 s"
+    at = int(re.match(said, str(stopped.value)).group(1))
+    assert 0 < at <= 124
+    assert stopped.value.partial.sizes["time"] == at
+    assert stopped.value.partial.attrs["incomplete"] == f"stopped at {at} s of 124 s"
     sound = cp.chain.simulate(scene, step=2e-4)
     assert sound.attrs["energy_excess"] < 0.01
 
