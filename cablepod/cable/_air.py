@@ -10,6 +10,7 @@ import numpy as np
 
 from cablepod.cable._mesh import SpectralMesh
 from cablepod.chain._air import ChainAir
+from cablepod.wind._drag import straight_drag
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,19 +23,14 @@ class MeshAir(ChainAir):
 
     def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the drag on all nodes (nodes, dims) [N] at an instant [s]; 0 at held ones."""
-        from cablepod.cable import _kernels_air as kernel  # numba is imported only to compute
-
-        mesh, shape = self.chain, position.shape[::-1]
-        d, weight, scale, _, _, ratios = mesh.law_arguments
-        x, u, points = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T), (weight.size, scale.size)
-        force = np.empty(shape)
-        kernel.drag_forces(
-            x, u, self.velocity, time * self.samples_per_second, self.drag, ratios, self.bodies, d, weight, scale, None,
-            np.empty(points), np.empty((shape[0], *points)), force,
-        )  # fmt: skip
-        result = np.zeros_like(position)
-        result[mesh.free_particles] = force.T[mesh.free_particles]
-        return result
+        mesh, relative = self.chain, self.relative_velocity(velocity, time)
+        drag = self.drag * mesh.length
+        if mesh.ratios is not None:
+            drag = drag * np.repeat(mesh.ratios[1], mesh.order + 1)
+        at_points = straight_drag(drag, mesh.gradient(position), relative[mesh.nodes.ravel()])[0]
+        force = np.zeros(position.shape)
+        np.add.at(force, mesh.nodes.ravel(), at_points)
+        return self._of_free(force, relative)
 
     @cached_property
     def _steady(self) -> MeshAir:

@@ -11,7 +11,15 @@ import numpy as np
 
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.wind._air import CableAir, density_of, linear_between, refined
-from cablepod.wind._drag import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
+from cablepod.wind._drag import (
+    TENSION_MARGIN,
+    body_drag,
+    drag_rate,
+    drag_step_limit,
+    longest_hold,
+    straight_drag,
+    tension_by_drag,
+)
 
 #: Maximum number of explicit steps from one evaluation of the drag to the next.
 MAX_HOLD = 16
@@ -86,18 +94,24 @@ class ChainAir:
 
     def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the drag on all particles (n + 1, dims) [N] at an instant [s]; 0 at held ones."""
-        from cablepod.chain import _kernels_attached as kernel_attached
-        from cablepod.chain import _kernels_drag as kernel
+        relative = self.relative_velocity(velocity, time)
+        # half of the vector between the neighbours, at the ends of the link
+        padded = np.concatenate([position[:1], position, position[-1:]])
+        return self._of_free(straight_drag(0.5 * self.drags, padded[2:] - padded[:-2], relative)[0], relative)
 
-        free, force = self.chain.free_particles, np.empty(position.shape[::-1])
-        x, v = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T)
-        place = time * self.samples_per_second
-        kernel.drag_forces(
-            x, v, self.velocity, place, self.drags, free.start, free.stop, force, np.empty(len(position))
-        )
-        if self.bodies is not None:
-            kernel_attached.add_bodies(v, self.velocity, place, self.bodies, force, 0.0, None)
-        return force.T
+    def relative_velocity(self, velocity: np.ndarray, time: float) -> np.ndarray:
+        """Return the velocity of the air less that of the particles (n + 1, dims) [m/s] at an instant [s]."""
+        last = len(self.velocity) - 1
+        place = min(max(time * self.samples_per_second, 0.0), last)
+        sample = min(int(place), last - 1)
+        before, after = self.velocity[sample : sample + 2]
+        return (before + (place - sample) * (after - before)).T - velocity
+
+    def _of_free(self, force: np.ndarray, relative: np.ndarray) -> np.ndarray:
+        """Return the drag of the cable with that of bodies (n + 1, dims) [N], 0 at held particles."""
+        free, result = self.chain.free_particles, np.zeros(force.shape)
+        result[free] = force[free] if self.bodies is None else (force + body_drag(self.bodies, relative))[free]
+        return result
 
     def at_rest(self, position: np.ndarray) -> np.ndarray:
         """Return the drag of the mean wind on all particles at rest (n + 1, dims) [N]."""

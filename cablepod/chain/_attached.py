@@ -41,21 +41,28 @@ class AttachedForces:
 
     def energy(self, position: np.ndarray) -> float:
         """Return the energy of the springs [J] at positions (n + 1, dims) [m]."""
-        from cablepod.chain import _kernels_attached as kernel
-
-        axes = np.arange(self.chain.p.dims)
-        moved = position[self.particles] - self.numbers[:, kernel.REST + axes]
-        along = (moved * self.numbers[:, kernel.DIRECTION + axes]).sum(axis=1)
-        return 0.5 * float(self.numbers[:, kernel.SPRING] @ along**2)
+        spring, _, stretch = self._springs(position)
+        return 0.5 * float(spring @ stretch**2)
 
     def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return their forces on all particles (n + 1, dims) [N]."""
-        from cablepod.chain import _kernels_attached as kernel  # numba is imported only to compute
+        from cablepod.chain import _kernels_attached as kernel
 
-        force = np.zeros(position.shape[::-1])
-        x, v = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T)
-        kernel.attached_forces(x, v, self.particles, self.numbers, force)
-        return force.T
+        spring, direction, stretch = self._springs(position)
+        rate = (velocity[self.particles] * direction).sum(axis=1)
+        along = -(spring * stretch + self.numbers[:, kernel.DAMPER] * rate)
+        force = np.zeros(position.shape)
+        np.add.at(force, self.particles, along[:, None] * direction)
+        return force
+
+    def _springs(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return stiffness [N/m], direction (attachments, dims) and displacement along it [m] at positions (n + 1, dims) [m]."""
+        from cablepod.chain import _kernels_attached as kernel
+
+        axes = np.arange(self.chain.p.dims)
+        direction = self.numbers[:, kernel.DIRECTION + axes]
+        moved = position[self.particles] - self.numbers[:, kernel.REST + axes]
+        return self.numbers[:, kernel.SPRING], direction, (moved * direction).sum(axis=1)
 
     def add_stiffness(self, matrix: np.ndarray) -> None:
         """Add the springs to the stiffness of the free particles (unknowns, unknowns) [N/m]."""

@@ -23,12 +23,14 @@ DRAG_RTOL, MAX_DRAG_ITERATIONS = 1e-13, 200
 
 def rest_shape(chain: LumpedChain, air: ChainAir | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest, in the wind of the start."""
-    position, tension = _rest_under(chain, None)
+    position, tension, force = _rest_under(chain, None)
     if air is None:
         return position, tension
     for _ in range(MAX_DRAG_ITERATIONS):
-        before = position
-        position, tension = _rest_under(chain, air.at_rest(position))
+        before, drag = position, air.at_rest(position)
+        if not drag.any():  # with a ramp, from still air
+            break
+        position, tension, force = _rest_under(chain, drag, force)
         if np.abs(position - before).max() <= DRAG_RTOL * chain.total_length:
             break
     else:
@@ -43,11 +45,13 @@ def refuse_rest_in_wind() -> NoReturn:
     )
 
 
-def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions and tensions of a chain at rest under its loads and a given drag (n + 1, dims) [N]."""
+def _rest_under(
+    chain: LumpedChain, drag: np.ndarray | None, guess: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return positions, tensions and the force in the first link at rest under the loads and a given drag (n + 1, dims) [N]."""
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
-    forces, tension, gap = link_forces(chain, chain.statics, chain.axial_stiffness, 1e-6 * p.stiffness, drag)
+    forces, tension, gap = link_forces(chain, chain.statics, chain.axial_stiffness, 1e-6 * p.stiffness, drag, guess)
     if not gap <= gap_tolerance(chain) or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(
@@ -58,7 +62,7 @@ def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray
     reach = (chain.length * stretch / tension)[:, None] * forces
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]
-    return position, tension
+    return position, tension, forces[0]
 
 
 def gap_tolerance(chain: LumpedChain) -> float:
@@ -67,7 +71,12 @@ def gap_tolerance(chain: LumpedChain) -> float:
 
 
 def link_forces(
-    chain: LumpedChain, statics: np.ndarray, stiffness: Any, least: float, drag: np.ndarray | None = None
+    chain: LumpedChain,
+    statics: np.ndarray,
+    stiffness: Any,
+    least: float,
+    drag: np.ndarray | None = None,
+    guess: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Solve for the force in the first link at rest, which determines all others.
 
@@ -83,6 +92,8 @@ def link_forces(
         Least force of a guess along the chord [N], for a catenary without tension, as without weight.
     drag
         Further forces on the particles (n + 1, dims) [N].
+    guess
+        First guess in place of that force (dims,) [N], as of nearly the same drag.
 
     Returns
     -------
@@ -94,6 +105,7 @@ def link_forces(
     loads = chain.loads(0.0)[1:-1] if drag is None else (chain.loads(0.0) + drag)[1:-1]
     _, _, _, q, across, against = load_plane(chain.p)
     force = statics[2] * across + (statics[3] - 0.5 * q * (chain.total_length - chain.length[0])) * against
+    force = force if guess is None else guess
     if not np.isfinite(force).all() or not force.any():
         force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), least)
     # three coordinates, so that planar and spatial scenes have the same bits
