@@ -67,27 +67,36 @@ def solve_catenaries(
     numpy.ndarray
         Status of each cable (cables,), see :func:`check_solved`.
     """
-    solutions, status = np.empty((value.size, 6)), np.empty(value.size, dtype=np.int64)
-    kind = CATENARY_KEYS.index(key)  # the formulas number the quantities in the same order
-    if value.size <= FEW:
-        rows = np.stack([*plane, stiffness, value], axis=1).tolist()
-        try:
-            for i, (a, b, c, q, k, given) in enumerate(rows):
-                status[i] = formulas.solve(a, b, c, q, k, kind, given, solutions[i])
-            return solutions, status
-        except (ArithmeticError, ValueError):
-            pass  # beyond the range of numbers, where compiled code goes on with inf and nan
-    from cablepod.catenary import _kernels_solve as kernel  # takes seconds to compile
-
-    kernel.solve_many(*plane, stiffness, kind, value, solutions, status)
-    return solutions, status
+    if value.size > FEW:
+        return _solve_compiled(plane, stiffness, key, value)
+    rows = np.stack([*plane, stiffness, value], axis=1).tolist()
+    found = [solve_catenary(row[:4], row[4], key, row[5]) for row in rows]
+    solutions = np.array([solution for solution, _ in found]).reshape(-1, 6)
+    return solutions, np.array([status for _, status in found], dtype=np.int64)
 
 
 def solve_catenary(plane: Sequence[float], stiffness: float, key: str, value: float) -> tuple[np.ndarray, int]:
     """Solve one catenary as :func:`solve_catenaries` does many; return its statics (6,) and status."""
-    numbers = [np.array([float(number)]) for number in plane[:4]]
-    solutions, status = solve_catenaries(numbers, np.array([stiffness]), key, np.array([value], dtype=float))
-    return solutions[0], int(status[0])
+    span, rise, chord, load = (float(number) for number in plane[:4])
+    solution, kind = np.empty(6), CATENARY_KEYS.index(key)  # the formulas number the quantities in the same order
+    try:
+        status = formulas.solve(span, rise, chord, load, float(stiffness), kind, float(value), solution)
+    except (ArithmeticError, ValueError):  # beyond the range of numbers, where compiled code goes on with inf and nan
+        arrays = [np.array([number]) for number in (span, rise, chord, load, float(stiffness), float(value))]
+        solutions, statuses = _solve_compiled(arrays[:4], arrays[4], key, arrays[5])
+        return solutions[0], int(statuses[0])
+    return solution, int(status)
+
+
+def _solve_compiled(
+    plane: Sequence[np.ndarray], stiffness: np.ndarray, key: str, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Do :func:`solve_catenaries` by compiled code."""
+    from cablepod.catenary import _kernels_solve as kernel  # takes seconds to compile
+
+    solutions, status = np.empty((value.size, 6)), np.empty(value.size, dtype=np.int64)
+    kernel.solve_many(*plane, stiffness, CATENARY_KEYS.index(key), value, solutions, status)
+    return solutions, status
 
 
 def check_solved(
