@@ -227,11 +227,13 @@ def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) ->
         along = t[:, :, None] * t[:, None, :]
         root = np.sqrt(secant)[:, None, None] * (np.eye(p.dims) - along) + np.sqrt(tangent)[:, None, None] * along
     root *= np.sqrt(mesh.length)[:, None, None]
-    dims, d = root.shape[-1], np.array(gll_rule(order)[2])
+    dims, d = root.shape[-1], gll_rule(order)[2]
     matrix = np.zeros((mesh.length.size, dims, mesh.links + 1, dims))
-    for e, scale in enumerate(mesh.scale):
-        points, nodes = slice(e * (order + 1), (e + 1) * (order + 1)), slice(e * order, (e + 1) * order + 1)
-        matrix[points, :, nodes] = np.einsum("qcd,qi->qcid", root[points], scale * d)
+    of_elements = root.reshape(-1, order + 1, dims, dims)
+    entries = np.einsum("eqcd,qi,e->eiqcd", of_elements, d, mesh.scale)
+    matrix.reshape(len(of_elements), order + 1, dims, -1, dims)[np.arange(len(entries))[:, None], :, :, mesh.nodes] = (
+        entries
+    )
     matrix /= np.sqrt(mesh.mass)[:, None]
     inner = matrix[:, :, 1:-1].reshape(mesh.length.size * dims, -1)
     springs, dampers = (

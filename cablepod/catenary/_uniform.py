@@ -33,17 +33,18 @@ def resolved(chords: np.ndarray, loads: np.ndarray) -> LoadPlane:
     Against the load is -p/|p|, up without load, the rise b = c . against, the span a = |c - b against|; the direction across the
     load is zero where the chord lies along it.
     """
-    load, chord = (np.hypot.reduce(vectors, axis=1) for vectors in (loads, chords))
+    load, chord = np.hypot.reduce(loads, axis=1), np.hypot.reduce(chords, axis=1)
     has_load = load > 0.0
-    against = np.where(has_load[:, None], -loads, np.eye(loads.shape[1])[1]) / np.where(has_load, load, 1.0)[:, None]
+    against = -loads / np.where(has_load, load, 1.0)[:, None]
+    against[~has_load, 1] = 1.0
     rise = (chords * against).sum(axis=1)
     across = chords - rise[:, None] * against
     across -= (across * against).sum(axis=1)[:, None] * against  # the first difference may have cancelled
     span = np.hypot.reduce(across, axis=1)
     is_along = span <= 1e-15 * chord
-    across = np.where(is_along[:, None], 0.0, across / np.where(is_along, 1.0, span)[:, None])
-    rise = np.where(is_along, np.copysign(chord, rise), rise)
-    return LoadPlane(np.where(is_along, 0.0, span), rise, chord, load, across, against)
+    span[is_along], across[is_along], rise[is_along] = 0.0, 0.0, np.copysign(chord, rise)[is_along]
+    across /= np.where(is_along, 1.0, span)[:, None]
+    return LoadPlane(span, rise, chord, load, across, against)
 
 
 def solve_catenaries(
