@@ -10,10 +10,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from cablepod.chain._kernels_arguments import Chain, Record, Sizes, State
+from cablepod.chain._kernels_arguments import Record, State
 from cablepod.chain._lanes import ImplicitLanes, Kernel, groups_of_lanes
+from cablepod.chain._small_vibrations import assembled, stiffness_of_links
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain
+from cablepod.discretisation._formulas import green_tangent
 from cablepod.discretisation._modal_damping import NodalDamping
 from cablepod.integrate._chain_run import Trajectory
 from cablepod.integrate._comparison import ComparableRuns
@@ -82,12 +84,13 @@ class ImplicitChainRun(NewtonRun):
         p, chain = self.chain.p, self.chain
         if p.damping_ratios is None:
             return NodalDamping.none()
-        links = link_stiffness(chain, rest_shape(chain)[0])
-        mass = np.repeat(chain.mass[chain.free_particles], p.dims)
-        stiffness = assembled(links, p.dims)
+        links, stiffness = stiffness_at_rest(chain)
         if self.attached is not None:
             self.attached.add_stiffness(stiffness)
-        return NodalDamping.of(p, stiffness, mass, chain.arc_length / chain.total_length, links)
+        mass = np.repeat(chain.mass[chain.free_particles], p.dims)
+        rows = np.zeros((3 * p.dims - 3, chain.links + 2))  # as Newton.s
+        rows[:, 1:-1] = links[:, *np.triu_indices(p.dims)].T
+        return NodalDamping.of(p, stiffness, mass, chain.arc_length / chain.total_length, rows)
 
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run; models with other kernels override this."""
@@ -168,37 +171,14 @@ class ImplicitChainRun(NewtonRun):
         return a
 
 
-def link_stiffness(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
-    """Return the tangent stiffness of the links (3 or 6, n + 2) [N/m] at positions (n + 1, dims) [m].
-
-    The rows are xx, xy, yy, or xx, xy, xz, yy, yz, zz; link j is at j + 1.
-    """
-    from cablepod.chain import _kernels_links as kernel  # numba is imported only to compute
-
-    dims, links, none = chain.p.dims, chain.links, np.empty(0)
-    sizes = Sizes((0,), (0,) * dims)
-    inverse_squares = none if chain.inverse_squares is None else chain.inverse_squares
-    numbers = Chain(
-        0, links + 1, chain.k, chain.length, inverse_squares, none, none, none, none, none, none, none.reshape(0, 0)
-    )
-    reach, t, g = np.empty(dims * links), np.empty(links), np.empty(links)
-    f, s = np.zeros(dims * (links + 1) + 1), np.zeros((3 * dims - 3, links + 2))
-    kernel.elastic_links(sizes, numbers, position.T.reshape(-1), reach, t, g)
-    kernel.assemble_links(sizes, 1.0, reach, t, g, f, s.reshape(-1))
-    return s
-
-
-def assembled(links: np.ndarray, dims: int) -> np.ndarray:
-    """Return the stiffness of the inner particles (unknowns, unknowns), particle by particle, from :func:`link_stiffness`."""
-    # (dims, dims, n + 2)
-    blocks = links[np.array([[0, 1], [1, 2]] if dims == 2 else [[0, 1, 2], [1, 3, 4], [2, 4, 5]])]
-    inner = links.shape[1] - 3
-    result = np.zeros((inner, dims, inner, dims))
-    for p in range(inner):
-        result[p, :, p] = blocks[:, :, p + 1] + blocks[:, :, p + 2]
-        if p + 1 < inner:
-            result[p, :, p + 1] = result[p + 1, :, p] = -blocks[:, :, p + 2]
-    return result.reshape(inner * dims, inner * dims)
+def stiffness_at_rest(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tangent stiffness at rest of the links (n, dims, dims) and of the free particles (unknowns, unknowns) [N/m]."""
+    position, tension = rest_shape(chain)
+    reach, free = np.diff(position, axis=0), chain.free_particles
+    axial = green_tangent(chain.stretch(position) ** 2, chain.k) if chain.green else chain.k
+    links = stiffness_of_links(reach, tension, axial)
+    unknowns = chain.p.dims * (free.stop - free.start)
+    return links, assembled(links)[free, :, free].reshape(unknowns, unknowns)
 
 
 class ImplicitStepper:

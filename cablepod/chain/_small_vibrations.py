@@ -1,4 +1,4 @@
-"""Stiffness of the links of a chain in small vibrations about rest, for the linear law."""
+"""Stiffness of the links of a chain in small vibrations about rest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def stiffness_of_links(reach: np.ndarray, tension: np.ndarray, axial: np.ndarray
     reach
         From the lower to the upper particle of each link (n, dims) [m].
     tension, axial
-        Tensions [N], and axial stiffness of each link over its length [N/m] (n,).
+        Tensions [N], and tangent stiffness of each link along itself [N/m] (n,).
     """
     square = (reach * reach).sum(axis=1)
     along = reach[:, :, None] * reach[:, None, :] / square[:, None, None]

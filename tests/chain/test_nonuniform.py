@@ -15,7 +15,7 @@ from suite import slow, slow_but
 
 import cablepod as cp
 from cablepod.chain._attached import attached_forces
-from cablepod.chain._implicit import assembled, link_stiffness
+from cablepod.chain._implicit import stiffness_at_rest
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.parameters._from_scene import parameters
@@ -47,7 +47,7 @@ def string(links: int, duration: float = 0.1, **tables: Any) -> Any:
 def vibrations(scene: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return angular frequencies [rad/s] and damping ratios of a chain about rest, by rising frequency."""
     chain = chain_of(parameters(scene))
-    stiffness, dims = assembled(link_stiffness(chain, rest_shape(chain)[0]), 2), 2
+    stiffness, dims = stiffness_at_rest(chain)[1], 2
     damping = np.zeros_like(stiffness)
     attached = attached_forces(chain, rest_shape(chain)[0], None)
     if attached is not None:
@@ -314,7 +314,7 @@ def test_ratios_of_damping_see_the_springs() -> None:
     scene = string(links, 6.0 * math.pi / omega[0], attachment=table, damping={"ratio": ratio}, initial=initial)
     run = cp.chain.simulate(scene, scheme="trapezoidal", step=2e-5)
     chain = chain_of(parameters(scene))
-    stiffness = assembled(link_stiffness(chain, rest_shape(chain)[0]), 2)
+    stiffness = stiffness_at_rest(chain)[1]
     attached = attached_forces(chain, rest_shape(chain)[0], None)
     assert attached is not None
     attached.add_stiffness(stiffness)
