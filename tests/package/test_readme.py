@@ -34,6 +34,14 @@ def test_the_python_in_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "model.nc").exists()
 
 
+@pytest.mark.parametrize("page", sorted((ROOT / "cablepod").glob("*/README.md")), ids=lambda page: page.parent.name)
+def test_the_page_of_a_folder_names_its_files(page):
+    text = page.read_text()
+    assert "## Where is what" in text
+    missing = [file.name for file in page.parent.glob("_*.py") if file.name not in text and file.stem != "__init__"]
+    assert not missing
+
+
 @pytest.mark.parametrize("page", ["README.md", "cablepod/README.md"])
 def test_first_pages_are_short(page):
     assert len((ROOT / page).read_text().splitlines()) <= 200
