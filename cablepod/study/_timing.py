@@ -46,40 +46,28 @@ def timed(
     """
     from numba.core import event  # numba is imported only to compute
 
-    class Clock(event.Listener):
-        """Clock of the outermost of nested events."""
+    class Compilation(event.TimingListener):
+        """Clock of compilation, which says when one begins."""
 
-        def __init__(self, say: Callable[[], None] | None = None) -> None:
-            self.say, self.depth, self.begun, self.seconds = say, 0, 0.0, 0.0
+        def on_start(self, begun: Any) -> None:
+            if say is not None:
+                say()
+            super().on_start(begun)
 
-        def on_start(self, event: Any) -> None:
-            if self.depth == 0:
-                self.begun = time.perf_counter()
-                if self.say is not None:
-                    self.say()
-            self.depth += 1
-
-        def on_end(self, event: Any) -> None:
-            self.depth -= 1
-            if self.depth == 0:
-                self.seconds += time.perf_counter() - self.begun
-
-    compilation, with_loading = Clock(say), Clock()
+    compilation, with_loading = Compilation(), event.TimingListener()
     with (
         event.install_listener("numba:compile", compilation),
-        event.install_listener(
-            "numba:compiler_lock", with_loading
-        ),  # held for compilation and for kernels from the cache
+        event.install_listener("numba:compiler_lock", with_loading),  # held also for kernels from the cache
     ):
         result, first = _clocked(partial(call, progress=progress))
-    seconds = [first - with_loading.seconds]
+    seconds = [first - (with_loading.duration if with_loading.done else 0.0)]
     if seconds[0] <= longest_repeated:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the first call has warned
             seconds.append(_clocked(call)[1])
             while len(seconds) <= REPEATS and sum(seconds[1:]) + seconds[-1] <= REPEAT_SECONDS:
                 seconds.append(_clocked(call)[1])
-    return result, {"call_time": min(seconds), "compile_time": compilation.seconds}
+    return result, {"call_time": min(seconds), "compile_time": compilation.duration if compilation.done else 0.0}
 
 
 def _clocked(call: Callable[..., xr.Dataset]) -> tuple[xr.Dataset, float]:
