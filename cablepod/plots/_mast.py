@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import Kind, taken
 from cablepod.conventions import direction
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
@@ -17,22 +16,9 @@ from cablepod.plots._style import COLOURS, LINES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-TENSIONS = Kind(
-    "what mast.simulate gives with output guy_tension",
-    (("guy_tension", ("time", "guy")),),
-    further=None,
-    is_small=False,
-)
-HEIGHTS = Kind(
-    "what mast.rest, or mast.simulate with output extremes gives",
-    (("node_height", ("node",)),),
-    further=None,
-    is_small=False,
-)
-SHAPES = Kind(
-    "what mast.frequencies gives", (("mode_shape", ("mode", "node", "coordinate")), ("node_height", ("node",))),
-    further=None, is_small=False,
-)  # fmt: skip
+TENSIONS = "what mast.simulate gives with output guy_tension"
+HEIGHTS = "what mast.rest, or mast.simulate with output extremes gives"
+SHAPES = "what mast.frequencies gives"
 #: Directions in which a mast bends.
 DIRECTIONS = ("x", "z")
 
@@ -60,15 +46,14 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     SceneError
         For another Dataset.
     """
-    run = taken("run", run, TENSIONS)
-    tensions = _style.take("run", run, "guy_tension", ("time", "guy"), TENSIONS.allowed)
+    tensions = _style.take("run", run, "guy_tension", ("time", "guy"), TENSIONS)
     time, tension = tensions["time"].values, 1e-3 * tensions.values
     ax = _style.axes(ax)
     tables = np.ones(tension.shape[1], dtype=int)
     if "table" in run:
-        tables = _style.take("run", run, "table", ("guy",), TENSIONS.allowed).values
+        tables = _style.take("run", run, "table", ("guy",), TENSIONS).values
         if tables.dtype.kind not in "iu":
-            raise SceneError(f"run: given table of type {tables.dtype}; allowed: whole numbers, {TENSIONS.allowed}")
+            raise SceneError(f"run: given table of type {tables.dtype}; allowed: whole numbers, {TENSIONS}")
     names = _names_of_guys(run)
     for g, table in enumerate(tables):
         number = int(np.sum(tables[:g] == table))
@@ -83,7 +68,7 @@ def _mark_breaks(ax: Axes, run: xr.Dataset, time: np.ndarray) -> None:
     """Mark the times at which guys break within the times of a run."""
     if "guy_breaks" not in run or not time.size:
         return
-    breaks = _style.take("run", run, "guy_breaks", ("guy",), TENSIONS.allowed).values
+    breaks = _style.take("run", run, "guy_breaks", ("guy",), TENSIONS).values
     start, end = float(time.min()), float(time.max())
     times = np.unique(breaks[(breaks >= start) & (breaks <= end)])
     if times.size:
@@ -103,17 +88,17 @@ def _numbers(run: xr.Dataset) -> np.ndarray:
     """Return the numbers of the guys, which may be picked or reordered; from 1 on where the run has none."""
     if "guy" not in run.coords:
         return np.arange(1, run.sizes["guy"] + 1)
-    return _style.take("run", run, "guy", ("guy",), TENSIONS.allowed).values
+    return _style.take("run", run, "guy", ("guy",), TENSIONS).values
 
 
 def _names_of_guys(run: xr.Dataset) -> list[str]:
     """Return number of each guy, with level and direction where the run has them."""
     names = [f"guy {number}" for number in _numbers(run)]
     if "guy_level" in run:
-        levels = _style.take("run", run, "guy_level", ("guy",), TENSIONS.allowed).values
+        levels = _style.take("run", run, "guy_level", ("guy",), TENSIONS).values
         names = [f"{name}, {level:g} m" for name, level in zip(names, levels, strict=True)]
     if "anchor" in run:
-        anchors = _style.take("run", run, "anchor", ("guy", "coordinate"), TENSIONS.allowed).values
+        anchors = _style.take("run", run, "anchor", ("guy", "coordinate"), TENSIONS).values
         names = [f"{name}, {direction(x, z)}" for name, (x, _, z) in zip(names, anchors, strict=True)]
     return names
 
@@ -140,16 +125,16 @@ def bending_moments(result: xr.Dataset, *, component: str | None = None, ax: Axe
     SceneError
         For another Dataset.
     """
-    result = taken("result", result, HEIGHTS)
+    height = _style.take("result", result, "node_height", ("node",), HEIGHTS).values
     if component is not None:
         choice(*DIRECTIONS)("component", component)
     names = [name for name in ("bending_moment_minimum", "bending_moment_maximum") if name in result]
     if not names and "bending_moment" in result and "time" not in result.variables["bending_moment"].dims:
         names = ["bending_moment"]
     if not names:
-        raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS.allowed}")
-    ax, height = _style.axes(ax), _style.take("result", result, "node_height", ("node",), HEIGHTS.allowed).values
-    moments = [_style.take("result", result, name, ("node", "coordinate"), HEIGHTS.allowed) for name in names]
+        raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS}")
+    ax = _style.axes(ax)
+    moments = [_style.take("result", result, name, ("node", "coordinate"), HEIGHTS) for name in names]
     for moment in moments:
         for wanted in DIRECTIONS if component is None else (component,):
             if wanted not in moment["coordinate"].values.tolist():
@@ -191,19 +176,16 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
     SceneError
         For another Dataset.
     """
-    frequencies = taken("frequencies", frequencies, SHAPES)
+    shapes = _style.take("frequencies", frequencies, "mode_shape", ("mode", "node", "coordinate"), SHAPES).values
     integer(least=1)("count", count)
-    shapes = _style.take(
-        "frequencies", frequencies, "mode_shape", ("mode", "node", "coordinate"), SHAPES.allowed
-    ).values
     share, omega = (
-        _style.take("frequencies", frequencies, name, ("mode",), SHAPES.allowed).values
+        _style.take("frequencies", frequencies, name, ("mode",), SHAPES).values
         for name in ("mast_share", "angular_frequency")
     )
     if shapes.shape[-1] != 3:
-        raise scene_error("frequencies", shapes.shape, SHAPES.allowed)
+        raise scene_error("frequencies", shapes.shape, SHAPES)
     chosen = modes_of_mast(share, count)
-    height = _style.take("frequencies", frequencies, "node_height", ("node",), SHAPES.allowed).values
+    height = _style.take("frequencies", frequencies, "node_height", ("node",), SHAPES).values
     ax = _style.axes(ax)
     ticks: list[Any] = []
     for place, mode in enumerate(chosen):

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import Kind, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.plots import _style
@@ -16,14 +15,7 @@ from cablepod.plots._animation import MOST_FRAMES, Animation
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOVING = Kind(
-    'what mast.simulate gives with outputs displacement, guy_position and guy_tension',
-    (
-        ("displacement", ("time", "level", "coordinate")), ("guy_position", ("time", "guy", "point", "coordinate")),
-        ("guy_tension", ("time", "guy")),
-    ),
-    further=None, is_small=False,
-)  # fmt: skip
+MOVING = "what mast.simulate gives with outputs displacement, guy_position and guy_tension"
 #: Direction of the view: azimuth and elevation [rad].
 AZIMUTH, ELEVATION = np.deg2rad(25.0), np.deg2rad(15.0)
 #: Largest drawn displacement over the height of the mast, unless `scale` is given.
@@ -70,21 +62,18 @@ def animate_mast(
     from matplotlib.colors import Normalize
     from scipy.interpolate import PchipInterpolator
 
-    run = taken("run", run, MOVING)
-    moved, guys, tension = (
-        _style.take("run", run, name, dims, MOVING.allowed) for name, dims in MOVING.needs if dims is not None
-    )
+    moved = _style.take("run", run, "displacement", ("time", "level", "coordinate"), MOVING)
+    guys = _style.take("run", run, "guy_position", ("time", "guy", "point", "coordinate"), MOVING)
+    tension = _style.take("run", run, "guy_tension", ("time", "guy"), MOVING)
     if moved.shape[-1] != 3 or guys.shape[-1] != 3 or not moved.size or not guys.size:
-        raise scene_error("run", guys.shape, MOVING.allowed)
+        raise scene_error("run", guys.shape, MOVING)
     for array in (moved, guys, tension):
         if array.dtype.itemsize < 4:
-            raise SceneError(
-                f"run: given {array.name} of type {array.dtype}; allowed: float32 or float64, {MOVING.allowed}"
-            )
-    heights = _style.take("run", run, "level", ("level",), MOVING.allowed)
+            raise SceneError(f"run: given {array.name} of type {array.dtype}; allowed: float32 or float64, {MOVING}")
+    heights = _style.take("run", run, "level", ("level",), MOVING)
     for array in (heights, moved, guys, tension):
         if not np.isfinite(array.values).all():
-            raise SceneError(f"run: given {array.name} that is not finite; allowed: finite numbers, {MOVING.allowed}")
+            raise SceneError(f"run: given {array.name} that is not finite; allowed: finite numbers, {MOVING}")
     count = min(MOST_FRAMES if frames is None else integer(least=1)("frames", frames), moved.sizes["time"])
     picked = np.unique(np.linspace(0, moved.sizes["time"] - 1, count).round().astype(int))
     level = heights.values.astype(float)
