@@ -52,7 +52,7 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
         _style.take("orbits", one, "multiplier_real", ("multiplier",), ORBIT)  # not any trajectory: a period
         position, time = _period("orbits", one)
         k = int(np.argmin(np.abs(_style.sigma("orbits", one) - sigma)))
-        paths.append((time, *_path(position, k)))
+        paths.append((time, *(part[:, k] for part in _deflections("orbits", position))))
     spatial = any(np.abs(lateral).max() > 1e-12 * max(np.abs(normal).max(), 1e-300) for _, normal, lateral in paths)
     ax = _style.axes(ax, size=(5.5, 4.2) if spatial else (7.5, 4.2))
     for k, (time, normal, lateral) in enumerate(paths):
@@ -100,12 +100,11 @@ def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None
     time = time[:-1]
     count = min(integer(least=2)("frames", frames), time.size)
     picked = np.unique(np.linspace(0, time.size, count, endpoint=False).astype(int))
-    paths = [_path(position, k) for k in range(position.shape[1])]
-    inside, lateral = (np.stack([path[k] for path in paths], axis=1) for k in (0, 1))
+    inside, lateral = _deflections("orbit", position)
     ax = _style.private_axes() if ax is None else ax
     size = 1.1 * max(float(np.ptp(inside)), float(np.ptp(lateral)), 1e-300) / 2.0
-    every = max(1, len(paths) // MAX_DOTS)
-    for k in range(0, len(paths), max(1, len(paths) // PATHS)):
+    every = max(1, inside.shape[1] // MAX_DOTS)
+    for k in range(0, inside.shape[1], max(1, inside.shape[1] // PATHS)):
         ax.plot(
             lateral[:, k], inside[:, k], color="0.8", linewidth=0.8, zorder=0, label="" if k else "paths of particles"
         )
@@ -125,19 +124,10 @@ def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None
     return Animation(ax, time[picked], show)
 
 
-def _path(position: np.ndarray, particle: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return deflections of one particle normal to the chord, in the plane of chord and vertical and out of it (time,) [m]."""
-    chord = position[:, -1] - position[:, 0]
-    along = chord / np.linalg.norm(chord, axis=1, keepdims=True)
-    place = position[:, particle] - position[:, 0]
-    vertical = np.zeros(position.shape[2])
-    vertical[1 if abs(along[0, 1]) < 0.999 else 0] = 1.0
-    normal = vertical - along * (along @ vertical)[:, None]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    inside = (place * normal).sum(axis=1)
-    if position.shape[2] == 2:
-        return inside, np.zeros_like(inside)
-    return inside, (place * np.cross(along, normal)).sum(axis=1)
+def _deflections(key: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return deflections normal to the chord, in the plane of chord and vertical and out of it (time, particle) [m]."""
+    inside = _style.normal_deflection(key, position)
+    return inside, _style.normal_deflection(key, position, across=True) if position.shape[2] > 2 else 0.0 * inside
 
 
 def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
