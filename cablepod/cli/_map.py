@@ -13,9 +13,9 @@ from cablepod.archive._atomic import atomic_file
 from cablepod.archive._figure import write_figure
 from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.batch._stack import is_varied
-from cablepod.cli import _mast_map
 from cablepod.errors import SceneError
 from cablepod.integrate._peak_error import MAX_PEAK_ERROR, along_members, peak_errors, slack_members
+from cablepod.mast._fatigue import EXPONENT, FREQUENCY
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 TABLE, PICTURE = "map.csv", "map.png"
@@ -25,8 +25,28 @@ OF_MAST = ("displacement_maximum", "extremes", "guy_tension_maximum")
 #: Variables of the results that are read.
 READ = (
     "tension_maximum", "tension_minimum", "time_error_estimate", "tension_time_error_estimate", "smallest_chordwise_force",
-    "error_estimate", "failure", *_mast_map.READ,
+    "error_estimate", "failure", "guy_tension_maximum", "guy_tension_minimum", "fatigue_range", "utilisation",
+    "displacement_minimum", "displacement_maximum", "bending_moment_minimum", "bending_moment_maximum", "smallest_tension",
 )  # fmt: skip
+#: Heading of equivalent ranges.
+FATIGUE = f"fatigue range (exponent {EXPONENT:g} at {FREQUENCY:g} Hz) [N]"
+#: Heading, variable and extreme over all guys; then heading and variable of each guy.
+OVER_GUYS: tuple[tuple[str, str, Any], ...] = (
+    ("largest tension [N]", "guy_tension_maximum", np.fmax.reduce),
+    ("smallest tension [N]", "guy_tension_minimum", np.fmin.reduce),
+    (f"largest {FATIGUE}", "fatigue_range", np.fmax.reduce),
+    ("largest utilisation [1]", "utilisation", np.fmax.reduce),
+)
+OF_EACH_GUY = (
+    ("largest tension [N]", "guy_tension_maximum"),
+    (FATIGUE, "fatigue_range"),
+    ("utilisation [1]", "utilisation"),
+)
+#: Heading and variable of the mast, the larger one of both signs and coordinates.
+OF_THE_MAST = (
+    ("largest displacement along x or z [m]", "displacement"),
+    ("largest bending moment along x or z [N m]", "bending_moment"),
+)
 
 
 def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
@@ -85,7 +105,7 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
         columns["largest tension [N]"] = results["tension_maximum"].max("link").values
         columns["smallest tension [N]"] = results["tension_minimum"].min("link").values
     else:
-        columns |= _mast_map.columns(results)
+        columns |= _columns_of_masts(results)
     for name in ("time_error_estimate", "tension_time_error_estimate"):
         if name in results:
             columns[f"{name} [1]"] = results[name].values
@@ -98,6 +118,24 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
         rows = zip(results["member"].values.tolist(), *columns.values(), _notes(results), strict=True)
         for number, *values, note in rows:
             writer.writerow([number, *(value if isinstance(value, str) else f"{value:.10g}" for value in values), note])
+
+
+def _columns_of_masts(results: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return the columns by heading: extremes over all guys, of the mast, and of each guy."""
+    found = {}
+    for heading, name, extreme in OVER_GUYS:
+        if name in results:
+            found[heading] = extreme(results[name].transpose("member", "guy").values, axis=1)
+    for heading, name in OF_THE_MAST:
+        if f"{name}_maximum" in results:
+            least, most = (results[f"{name}_{what}"] for what in ("minimum", "maximum"))
+            sizes = np.maximum(abs(least.values), abs(most.values))  # (member, place, coordinate)
+            found[heading] = sizes.reshape(sizes.shape[0], -1).max(axis=1)
+    for g in range(results.sizes.get("guy", 0)):
+        for heading, name in OF_EACH_GUY:
+            if name in results:
+                found[f"guy {int(results['guy'][g])} {heading}"] = results[name].isel(guy=g).values
+    return found
 
 
 def _notes(results: xr.Dataset) -> list[str]:
