@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, part_of_run
+from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, finite, part_of_run
 from cablepod.conventions import ENDINGS_OF_AIR, digits, direction, printed, printed_unit
 from cablepod.plots._mast import modes_of_mast
 from cablepod.study._mast import FIGURES
@@ -51,7 +51,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
         "largest_foot_force_horizontal": float(motion["foot_force_horizontal_largest"]),
         "largest_anchor_force": float(anchors.max()) if anchors.size else None,
         "largest_anchor_force_guy": int(anchors.argmax()) + 1 if anchors.size else None,
-        "error_estimate": _number(motion.attrs.get("error_estimate", math.nan)),
+        "error_estimate": finite(motion.attrs.get("error_estimate", math.nan)),
         "step": float(motion.attrs["step"]),
         "wall_time_s": float(motion.attrs["wall_time_s"]),
         "compile_time_s": float(study.attrs["compile_time_s"]),
@@ -196,11 +196,6 @@ def _after_break(rest: Any) -> list[str]:
     return [f"             that is with all guys; {left} without those that break, {names}"]
 
 
-def _number(value: Any) -> float | None:
-    """Return a finite number; None for nan, such as the utilisation of a guy without breaking strength."""
-    return float(value) if math.isfinite(float(value)) else None
-
-
 def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
     """Return the rows of the printed table, a guy each; [N, s]."""
     if "guys" not in study:
@@ -213,7 +208,7 @@ def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
             "level": float(guys["guy_level"][g]),
             "anchor": guys["anchor"][g].values.tolist(),
             **{
-                name: _number(guys[variable][g])
+                name: finite(guys[variable][g])
                 for name, variable in (
                     ("rest", "guy_tension_rest"), ("mean", "guy_tension_mean"), ("std", "guy_tension_std"),
                     ("least", "guy_tension_minimum"), ("peak", "guy_tension_maximum"), ("peak_time", "guy_tension_maximum_time"),

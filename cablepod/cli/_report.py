@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, part_of_run
+from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, finite, part_of_run
 from cablepod.conventions import ENDINGS_OF_AIR, ENDS, STILL_AIR, printed, printed_unit
 from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.study._figures import FIGURES
@@ -39,14 +39,14 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
             for rank in table["rank"].values:
                 row = table.sel(model=model, rank=rank)
                 if math.isfinite(float(row["call_time"])):
-                    values = {name: _number(row[name]) for name in OF_REDUCED_MODEL}
+                    values = {name: finite(row[name]) for name in OF_REDUCED_MODEL}
                     steps = int(row["number_of_steps"])
                     rows.append({"model": str(model), "rank": int(rank), **values, "steps": steps})
     if "chains" in study:
         chains = study["chains"].to_dataset()
         for trial in _front(chains):
             row = chains.isel(trial=trial)
-            values = {name: _number(row[name]) for name in OF_CHAIN}
+            values = {name: finite(row[name]) for name in OF_CHAIN}
             steps = int(row["number_of_steps"])
             rows.append({"model": "chain", "links": int(row["links"]), **values, "steps": steps})
     chain = study["chain"].to_dataset()
@@ -54,7 +54,7 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
         "links": chain.sizes["particle"] - 1,
         "call_time": chain.attrs["wall_time_s"],
         "step": chain.attrs["step"],
-        "error_estimate": _number(chain.attrs["space_error_estimate"]),
+        "error_estimate": finite(chain.attrs["space_error_estimate"]),
     }
     rows.append(
         {"model": "chain", **reference, "steps": int(chain.attrs["number_of_steps"]), "tolerance": TRUTH_TOLERANCE}
@@ -83,7 +83,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
     for ending in ENDINGS_OF_AIR:  # beside those at rest, of scenes with wind those in still air and in the mean wind
         for name in (f"{name}{ending}" for name in names if f"{name}{ending}" in numbers):
             values = numbers[name]
-            found[name] = [_number(value) for value in values] if values.ndim else _number(values)
+            found[name] = [finite(value) for value in values] if values.ndim else finite(values)
     found["tension"] = {kind: _peak(study, kind) for kind in ("maximum", "minimum")}
     if "breaking_strength" in numbers:
         found["breaking_strength"] = float(numbers["breaking_strength"])
@@ -288,12 +288,6 @@ def seconds(value: float) -> str:
     if value < 1e-3:
         return f"{1e6 * value:.3g} us"
     return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
-
-
-def _number(value: Any) -> float | None:
-    """Return a finite number; None for nan, which JSON has not."""
-    number = float(value)
-    return number if math.isfinite(number) else None
 
 
 def singular_values(modes: xr.Dataset) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,12 @@ def part_of_run(attrs: Mapping[Any, Any]) -> str:
 def fatigue_text(attrs: Mapping[Any, Any]) -> str:
     """Say what a fatigue range is."""
     return f"fatigue: equivalent range of rainflow cycles, exponent {attrs['exponent']:g}, at {attrs['frequency']:g} Hz"
+
+
+def finite(value: Any) -> float | None:
+    """Return a finite number; None for nan, which JSON has not."""
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def files_text(folder: Path, figures: Iterable[str]) -> str:
