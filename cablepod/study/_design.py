@@ -179,8 +179,6 @@ def _axes(scene: xr.Dataset, directions: Any, speeds: Any, storms: Any) -> dict[
         "speed": _numbers("speeds", speeds, "mean wind speeds [m/s] above 0, each once", numbers_list(above=0.0)),
     }
     count = integer(least=1, most=10**6)("storms", storms)
-    if "member" in scene.dims:
-        raise SceneError("scene: given several members; allowed: one, scene.isel(member=0)")
     if "wind_speed" not in scene:
         raise SceneError("wind: missing; allowed: a scene with the table wind, of which direction and speed are varied")
     if "wind_turbulence_record" in scene:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive._atomic import atomic_file
+from cablepod.study._design_numbers import STATISTICS
 
 #: Numbers of a row, by heading.
 Row = dict[str, Any]
@@ -173,12 +174,9 @@ def _write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 def _statistics(case: xr.Dataset, base: str, heading: str, unit: str) -> Row:
     """Return peak, its interval and the quantile with its interval, where the result has them."""
     row: Row = {}
-    for ending, text in (
-        ("_peak", ""), ("_peak_low", " low"), ("_peak_high", " high"), ("_quantile", " quantile"),
-        ("_quantile_low", " quantile low"), ("_quantile_high", " quantile high"),
-    ):  # fmt: skip
+    for ending, _ in STATISTICS.values():
         if f"{base}{ending}" in case:
-            row[f"{heading}{text} [{unit}]"] = float(case[f"{base}{ending}"])
+            row[f"{heading}{ending.removeprefix('_peak').replace('_', ' ')} [{unit}]"] = float(case[f"{base}{ending}"])
     return row
 
 

@@ -16,7 +16,7 @@ from cablepod.integrate._window import window_attributes
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
 from cablepod.mast._piecewise_guys import kind_in_studies
 from cablepod.mast._runs import check_run
-from cablepod.parameters._mast import mast_parameters
+from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.study._figures import check_backend, write_drawings
 from cablepod.study._models import recorded
 from cablepod.study._tension import start_of_statistics
@@ -45,11 +45,10 @@ def run_mast(
         Nodes "scene", "rest", "frequencies", "motion" and "guys", a table of tensions over ``guy``.
     """
     p = mast_parameters(scene)
-    # refuses a scene without [time]
-    window, breaks = (_after_ramps(scene), any(guy.breaks is not None for guy in p.guys))
+    window = _after_ramps(p)  # refuses a scene without [time]
     guys = kind_in_studies(p)
     options: dict[str, Any] = {"guys": guys, "outputs": OUTPUTS[:-1] if guys == "chain" else OUTPUTS}
-    if breaks:
+    if any(guy.breaks is not None for guy in p.guys):
         window = None
     if window is not None:
         options["window"] = window
@@ -93,9 +92,8 @@ def run_mast(
     return xr.DataTree.from_dict({"/": root, **results}, name="study")
 
 
-def _after_ramps(scene: xr.Dataset) -> tuple[float, float] | None:
+def _after_ramps(p: MastParameters) -> tuple[float, float] | None:
     """Return the part of the run after the ramps of wind and forces [s]; None without one, and if too little is left then."""
-    p = mast_parameters(scene)
     end = float(p.times()[-1])
     ramps = [float((p.wind or {}).get("ramp", 0.0)), *(load.factor.ramp for load in p.loads if load.factor is not None)]
     start = start_of_statistics(ramps, end)
