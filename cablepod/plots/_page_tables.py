@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.conventions import digits, printed, printed_unit
+from cablepod.conventions import digits, is_in_memory, printed, printed_unit
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._key_paths import dotted, key_of_variable, variable_name
 from cablepod.plots._page_html import NOTHING, Table, unit_text
@@ -117,7 +117,7 @@ def ranges_of(dataset: xr.Dataset) -> Table | None:
         if not variable.ndim or is_tabulated(variable) or variable.dtype.kind not in "iuf" or not variable.size:
             continue
         sizes = ", ".join(f"{dim} {size}" for dim, size in variable.sizes.items())
-        if variable.nbytes > MAX_READ and not variable._in_memory:
+        if variable.nbytes > MAX_READ and not is_in_memory(variable):
             rows.append([long_name(name, variable), sizes, "not read", "", ""])
             continue
         values = without_rounding(np.asarray(variable.values, dtype=float), units_of(name, variable))
