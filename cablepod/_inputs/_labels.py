@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -71,23 +70,16 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
     arc = variable.values
     if dim not in variable.dims or arc.dtype.kind not in "fiu":
         raise scene_error(f"{key}: {name}", f"{variable.dims} of type {arc.dtype}", f"numbers over {dim} [m]")
-    if arc.ndim > 1:
-        place = variable.dims.index(dim)
-        rows = np.moveaxis(arc, place, -1).reshape(-1, arc.shape[place])
-        common = _common_order(rows)
-        if dim == "particle":
-            _check_ends(f"{key}: {name}", rows if common is None else rows[:, common], length)
-        return common
-    order, rises = None, is_rising(arc)
-    if not rises:
-        order = np.argsort(arc)
-        arc = arc[order]
-        rises = is_rising(arc)
-    first, last = (float(arc[0]), float(arc[-1])) if arc.size else (math.nan, math.nan)
-    if arc.size < (2 if dim == "particle" else 1) or not rises or not math.isfinite(first) or not math.isfinite(last):
-        raise scene_error(f"{key}: {name}", variable.values.tolist(), f"those of the {dim}s, {RISING}, each once")
+    place = variable.dims.index(dim)
+    rows = arc[None] if arc.ndim == 1 else np.moveaxis(arc, place, -1).reshape(-1, arc.shape[place])
+    order = _common_order(rows)
+    rows = rows if order is None else rows[:, order]
+    if arc.ndim == 1 and not (
+        arc.size >= (2 if dim == "particle" else 1) and is_rising(rows[0]) and np.isfinite(rows).all()
+    ):
+        raise scene_error(f"{key}: {name}", arc.tolist(), f"those of the {dim}s, {RISING}, each once")
     if dim == "particle":
-        _check_ends(f"{key}: {name}", arc[None], length)
+        _check_ends(f"{key}: {name}", rows, length)
     return order
 
 
