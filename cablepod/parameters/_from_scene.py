@@ -16,13 +16,14 @@ from cablepod.errors import SceneError
 from cablepod.parameters._checks import choice
 from cablepod.parameters._given import both_ends, check_start, cross_section
 from cablepod.parameters._ice import iced
-from cablepod.parameters._key_paths import motion_path, value_at
+from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import (
     INITIAL,
     LENGTH_KEYS,
     POINT_LOAD,
     check_damping,
     exactly_one,
+    join,
     time_function_keys,
 )
 from cablepod.parameters._nonuniform import NONUNIFORM, with_segments_and_attachments
@@ -38,8 +39,6 @@ from cablepod.provenance import digest
 RECORD = ("time", "value", "ramp")
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
 STACKED_TABLES = ("gravity", *TEMPERATURES, "cable_", "ends_", "load_", "motion_", "damping_")
-#: Keys that each member has.
-NEEDED = ("gravity", "ends.lower")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
@@ -199,9 +198,8 @@ def cable_of(tables: Mapping[str, Any], number: Callable[[Any], Any] = float, pa
     SceneError
         For keys that are missing, or do not go together; the message names the key.
     """
-    for path in NEEDED:
-        if value_at(tables, path) is None:
-            raise SceneError(f"{path}: missing; allowed: a number, as make_scene gives it")
+    refuse_missing("", tables, ("gravity",))
+    refuse_missing("ends", tables.get("ends", {}), ("lower",))
     gravity, ends = number(tables["gravity"]), tables["ends"]
     cable, time, chain, damping = (tables.get(name, {}) for name in ("cable", "time", "chain", "damping"))
     initial, free_end = of_keys(tables.get("initial", {}), INITIAL), str(ends["free"]) if "free" in ends else None
@@ -261,11 +259,13 @@ def _section(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of parameters that the table ``[cable]`` gives, but its length; `path` is that of the table."""
     found = cross_section(with_means(cable, chain, free_end), gravity, own=chain, prefix=path, number=number)
+    weight = np.zeros(lower.shape)
+    weight[..., 1] = -found.weight
     return {
         "stiffness": found.stiffness,
         "area": found.area,
         "mass": found.mass,
-        "weight": _downward(found.weight, lower),
+        "weight": weight,
         "stiffness_key": found.stiffness_key,
         "weight_key": found.weight_key,
         "breaking_strength": number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
@@ -274,18 +274,11 @@ def _section(
     }
 
 
-def _downward(weight: Any, like: np.ndarray) -> np.ndarray:
-    """Return a weight [N/m] as a vector of the shape of another one."""
-    vector = np.zeros(like.shape)
-    vector[..., 1] = -weight
-    return vector
-
-
 def refuse_missing(path: str, table: Mapping[str, Any], needed: Iterable[str]) -> None:
     """Refuse the table of a scene whose variables somebody dropped."""
     for name in needed:
         if name not in table:
-            raise SceneError(f"{path}.{name}: missing; allowed: a number, as make_scene gives it")
+            raise SceneError(f"{join(path, name)}: missing; allowed: a number, as make_scene gives it")
 
 
 def _nonzero(table: Mapping[str, Any], name: str, number: Callable[[Any], Any]) -> Any:

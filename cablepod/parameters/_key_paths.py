@@ -198,12 +198,6 @@ def kind_in(scene: xr.Dataset, path: str) -> str | None:
 
 def number_at(tree: Any, path: Any) -> float | None:
     """Return the number at a key path of nested tables; None for any other path."""
-    value = value_at(tree, path)
-    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def value_at(tree: Any, path: Any) -> Any:
-    """Return the value at a key path of nested tables; None for any other path."""
     value = tree
     for part in path.split(".") if isinstance(path, str) else ("",):
         if isinstance(value, Mapping):
@@ -211,7 +205,7 @@ def value_at(tree: Any, path: Any) -> Any:
         else:
             index = _index(value, part) if isinstance(value, list | tuple) else None
             value = value[index] if index is not None and index < len(value) else None
-    return value
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _index(values: list[Any] | tuple[Any, ...], part: str) -> int | None:

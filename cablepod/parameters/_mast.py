@@ -143,8 +143,7 @@ def mast_of(tables: Mapping[str, Any]) -> MastParameters:
     SceneError
         For keys that are missing or do not go together, and for guys that no mast can have; the message names the key.
     """
-    if "gravity" not in tables:
-        raise SceneError("gravity: missing; allowed: a number, as make_scene gives it")
+    refuse_missing("", tables, ("gravity",))
     table = whole("mast", tables["mast"], MAST)
     damping, chain, time = (tables.get(name, {}) for name in ("damping", "chain", "time"))
     for name in DAMPING_OF_CABLES:
