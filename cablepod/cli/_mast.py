@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, finite, part_of_run
-from cablepod.conventions import ENDINGS_OF_AIR, digits, direction, printed, printed_unit
+from cablepod.conventions import ENDINGS_OF_AIR, digits, direction, note_lines, printed, printed_unit
 from cablepod.plots._mast import modes_of_mast
 from cablepod.study._mast import FIGURES
 
@@ -94,7 +94,7 @@ def check_text(scene: xr.Dataset) -> str:
         )
     if numbers.sizes.get("guy", 0):
         lines.append(f"  ({TOWARDS})")
-    return "\n".join([*lines, *(f"  note: {note}" for note in str(numbers["note"].values).split("\n") if note)])
+    return "\n".join([*lines, *(f"  note: {note}" for note in note_lines(numbers))])
 
 
 def _printed(values: xr.DataArray) -> str:

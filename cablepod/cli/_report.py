@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, finite, part_of_run
-from cablepod.conventions import ENDINGS_OF_AIR, ENDS, STILL_AIR, printed, printed_unit
+from cablepod.conventions import ENDINGS_OF_AIR, ENDS, STILL_AIR, note_lines, printed, printed_unit
 from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.study._figures import FIGURES
 from cablepod.study._models import fastest_chain
@@ -161,8 +161,7 @@ def answers_text(study: xr.DataTree) -> str:
         lines.append(f"             utilisation {used}: the largest over the breaking strength of {strength}")
     if "tension" in study:
         lines += _statistics_text(found["tension"])
-    notes = [line for line in str(study["summary"].to_dataset()["note"].values).split("\n") if line]
-    return "\n".join(lines + [f"note         {note}" for note in notes])
+    return "\n".join(lines + [f"note         {note}" for note in note_lines(study["summary"].to_dataset())])
 
 
 def _statistics_text(found: dict[str, Any]) -> list[str]:

@@ -7,7 +7,7 @@ import math
 
 import xarray as xr
 
-from cablepod.conventions import ENDINGS_OF_AIR, digits, printed
+from cablepod.conventions import ENDINGS_OF_AIR, digits, note_lines, printed
 from cablepod.discretisation._modal_damping import KEYS
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
@@ -64,8 +64,7 @@ def table(summary: xr.Dataset) -> str:
                 lines.append(f"  {'their damping ratios':<32}{ratios} % by dampers alone{state and f', in {state}'}")
     hertz, omega = (digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")
-    notes = [line for line in str(summary["note"].values).split("\n") if line]
-    return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
+    return "\n".join([*lines, *(f"  note: {note}" for note in note_lines(summary))])
 
 
 def _states(summary: xr.Dataset, name: str) -> list[tuple[str, str]]:
@@ -82,8 +81,7 @@ def remarks(scene: xr.Dataset) -> str:
     if "mast_height" in scene:
         from cablepod.mast import summary as mast_summary  # its imports take a second
 
-        notes = str(mast_summary(scene)["note"].values)
-        return "\n".join(f"  note: {note}" for note in notes.split("\n") if note)
+        return "\n".join(f"  note: {note}" for note in note_lines(mast_summary(scene)))
     p = parameters(scene)
     functions = p.time_functions()
     found = []

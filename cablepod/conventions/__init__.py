@@ -20,7 +20,7 @@ from cablepod.conventions._datasets import (
     shared_coordinates,
 )
 from cablepod.conventions._orders import ORDERED, is_in_order, is_rising
-from cablepod.conventions._printed import digits, direction, printed, printed_unit
+from cablepod.conventions._printed import digits, direction, note_lines, printed, printed_unit
 from cablepod.conventions._vocabulary import (
     AIR_OF_EACH,
     ATTRIBUTES,
@@ -62,6 +62,7 @@ __all__ = [
     "label",
     "labelled_dataset",
     "names_in_air",
+    "note_lines",
     "plain_indexes",
     "printed",
     "printed_unit",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 #: SI unit -> size from which on, factor and name of the unit in which it is printed; "%" is a ratio in per cent.
 PRINTED: dict[str, tuple[tuple[float, float, str], ...]] = {
@@ -52,6 +53,11 @@ def printed(value: float, units: str, count: int = 5) -> str:
 def digits(value: float, count: int = 5) -> str:
     """Return a number with so many digits, a large one without exponent."""
     return f"{value:.0f}" if 10.0**count <= abs(value) < 1e9 else f"{value:.{count}g}"
+
+
+def note_lines(summary: Any) -> list[str]:
+    """Return the notes of the summary of a scene, or of members, one a line."""
+    return [line for text in summary["note"].values.ravel().tolist() for line in str(text).split("\n") if line]
 
 
 def direction(x: float, z: float) -> str:

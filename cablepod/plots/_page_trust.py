@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import ATTRIBUTES, digits
+from cablepod.conventions import ATTRIBUTES, digits, note_lines
 from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.plots import _page_tables
 from cablepod.plots._maps import LARGEST_TIME_ERROR
@@ -48,7 +48,8 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
         if isinstance(attrs.get("incomplete"), str | bool | int) and attrs["incomplete"]:
             how = attrs["incomplete"] if isinstance(attrs["incomplete"], str) else "interrupted"
             yield f"{name}: incomplete, {how}"
-        yield from (f"{name}: {note}" for note in _notes(dataset))
+        if "note" in dataset and dataset["note"].dtype.kind in "UO":
+            yield from (f"{name}: {note}" for note in note_lines(dataset))
         yield from (f"{name}: {text}" for text in _out_of_range(attrs))
         yield from (f"{name}: {text}" for text in _of_time(dataset))
         coarse = _largest(dataset, "space_error_estimate")
@@ -65,13 +66,6 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
     count = attributes.get("notes_left_out", 0)
     if count:
         yield f"{count} more notes like those above, of other models and with other numbers"
-
-
-def _notes(dataset: xr.Dataset) -> list[str]:
-    """Return the notes of a summary, one a line."""
-    if "note" not in dataset or dataset["note"].dtype.kind not in "UO":
-        return []
-    return [line for text in np.atleast_1d(dataset["note"].values).tolist() for line in str(text).split("\n") if line]
 
 
 def _out_of_range(attrs: Mapping[str, Any]) -> list[str]:
