@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive._checked import changed
-from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, restored, version
+from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, newer, opened_file, restored
 from cablepod.archive._seal import SCHEMA, seal_of
 from cablepod.conventions import printed
 from cablepod.errors import ArchiveError, printable
@@ -65,10 +65,7 @@ def read_manifest(folder: Path, *, verify: bool = True) -> dict[str, Any]:
         raise changed(path, ["its text"])
     manifest.pop("crc32", None)
     if manifest["schema"] > SCHEMA:
-        raise ArchiveError(
-            f"{path}: has schema version {manifest['schema']}, this cablepod ({version()}) knows versions up to {SCHEMA}; "
-            "install a newer cablepod"
-        )
+        raise newer(path, manifest["schema"])
     return manifest
 
 

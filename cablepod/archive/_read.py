@@ -71,10 +71,13 @@ def open_file(path: Path, chunks: Any, *, verify: bool = True, whole: bool = Fal
     opened.close()
     if not isinstance(schema, np.integer):
         raise ArchiveError(f"{path}: was not written by cablepod (no attribute cablepod_schema); open it with xarray")
-    raise ArchiveError(
-        f"{path}: has schema version {schema}, this cablepod ({version()}) knows versions up to {SCHEMA}; "
-        "install a newer cablepod"
-    )
+    raise newer(path, schema)
+
+
+def newer(path: Path, schema: Any) -> ArchiveError:
+    """Return the error for a file of a later layout than this package knows."""
+    known = f"this cablepod ({version()}) knows versions up to {SCHEMA}"
+    return ArchiveError(f"{path}: has schema version {schema}, {known}; install a newer cablepod")
 
 
 def version() -> str:

@@ -57,6 +57,7 @@ EXCEPTIONS = {
     ("warn", "{texts[0]}{more}"): "the warning of a member, and of how many more",
     ("call", "damaged(path, error)"): "a function that makes the message, which is collected there",
     ("call", "changed("): "a function that makes the message, which is collected there",
+    ("call", "newer("): "a function that makes the message, which is collected there",
     ("call", "unknown_key("): "a function that makes the message, which is collected there",
     ("name", "error"): "the error of the batch, raised again where no member alone explains it",
     ("subscript", "errors[0]"): "the error of the first batch, raised again",
