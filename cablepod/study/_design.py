@@ -145,8 +145,9 @@ def design(
     of_storms = joined(numbers, kind)
     result = _unstacked(of_storms, axes)
     result = with_peaks(result, kind, level)
-    with without_warnings():  # the storms have warned
-        result = with_rest(result, kind, lambda: mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
+    if kind is MAST:
+        with without_warnings():  # the storms have warned
+            result = with_rest(result, mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
     if curve is not None:
         start, end = window or (0.0, float(scene["time_duration"]))
         result = with_damage(result, kind, shares, end - start)
@@ -300,16 +301,7 @@ def _parts(
 
 def _unstacked(of_storms: xr.Dataset, axes: dict[str, np.ndarray]) -> xr.Dataset:
     """Return numbers over ``member`` over direction, speed and storm."""
-    members = _members_of(axes)
-    variables: dict[str, Any] = {}
-    for name, variable in of_storms.variables.items():
-        if "member" not in variable.dims:
-            variables[str(name)] = variable
-            continue
-        own = variable.transpose("member", ...)
-        variables[str(name)] = xr.Variable(
-            ("direction", "speed", "storm", *own.dims[1:]), own.values[members], own.attrs
-        )
+    members = xr.DataArray(_members_of(axes), dims=("direction", "speed", "storm"))
     labels = {
         "direction": ("rad", "direction into which the wind blows, from +x towards +z"),
         "speed": ("m s-1", "mean wind speed at the reference height"),
@@ -318,5 +310,4 @@ def _unstacked(of_storms: xr.Dataset, axes: dict[str, np.ndarray]) -> xr.Dataset
     coords: dict[str, Any] = {
         name: (name, axes[name], {"units": units, "long_name": text}) for name, (units, text) in labels.items()
     }
-    given = [name for name in of_storms.coords if name in variables]
-    return xr.Dataset(variables, coords=coords).set_coords(given)
+    return of_storms.transpose("member", ...).isel(member=members).assign_coords(coords)

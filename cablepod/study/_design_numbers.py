@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -228,11 +228,10 @@ def with_peaks(result: xr.Dataset, kind: Kind, level: float) -> xr.Dataset:
         result["utilisation"] = (result[peak] / result["breaking_strength"]).assign_attrs(
             units="1", long_name="mean over the storms of the largest tension, over breaking strength"
         )
-    cases = result[peak].stack(case=("direction", "speed")).transpose("case", kind.line)
-    where = np.nan_to_num(cases.values, nan=-np.inf).argmax(axis=0)
+    where = result[peak].fillna(-np.inf).argmax(("direction", "speed"))
     for name, text in (("direction", "direction of the wind"), ("speed", "wind speed")):
         labels = {"units": result[name].attrs["units"], "long_name": f"{text} with the largest peak of the tension"}
-        result[f"governing_{name}"] = (kind.line, cases[name].values[where], labels)
+        result[f"governing_{name}"] = (kind.line, result[name].values[where[name].values], labels)
     if kind.least_force in result:
         result["slack_storms"] = (
             (result[kind.least_force] <= 0.0)
@@ -266,11 +265,8 @@ def _statistics(values: xr.DataArray, level: float) -> dict[str, xr.DataArray]:
     return {name: found[name].where(complete) for name in STATISTICS}
 
 
-def with_rest(result: xr.Dataset, kind: Kind, rest: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Return the numbers with those of the mast at rest in the mean winds, of members by direction and speed."""
-    if kind is not MAST:
-        return result
-    found = rest()
+def with_rest(result: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """Return the numbers with those that are `found` of the mast at rest in the mean winds, by direction and speed."""
     sizes = (result.sizes["direction"], result.sizes["speed"])
     for name in ("buckling_factor", "buckling_factor_after_break"):
         if name in found:

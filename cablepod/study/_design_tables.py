@@ -186,6 +186,4 @@ def _wind(case: xr.Dataset) -> Row:
 
 def _governing(result: xr.Dataset, peaks: xr.DataArray) -> xr.Dataset:
     """Return the case of the largest of peaks (direction, speed)."""
-    values = np.nan_to_num(peaks.transpose("direction", "speed").values, nan=-np.inf)
-    direction, speed = np.unravel_index(int(values.argmax()), values.shape)
-    return result.isel(direction=int(direction), speed=int(speed))
+    return result.isel(peaks.reset_coords(drop=True).fillna(-np.inf).argmax(("direction", "speed")))
