@@ -167,7 +167,49 @@ def ensemble_command(**options: Any) -> None:
 
 @commands.command("design", **_templates.texts("design"))
 @SCENE
-@_design.options
+@_arguments.folder_option(
+    "folder for storms, netCDF file and tables; made if missing (default: out/NAME_design of the scene)"
+)
+@click.option(
+    "--directions",
+    metavar="COUNT|DEG,DEG",
+    help="a number of directions evenly round, or angles from +x towards +z into which the wind blows [deg], "
+    "a single one with a comma behind it (default 8, at most 72; of a planar scene 0,180)",
+)
+@click.option(
+    "--speeds",
+    metavar="U,U",
+    help="mean wind speeds at the reference height [m/s] (default: 0.6, 0.7, 0.8, 0.9 and 1 times that of the scene)",
+)
+@click.option(
+    "--storms",
+    type=int,
+    default=10,
+    metavar="N",
+    help="storms for each direction and speed, as long as the scene (default 10)",
+)
+@click.option(
+    "--shares",
+    metavar="P,P",
+    help="shares of the time in which the wind has each speed, in all directions alike: for the damage",
+)
+@click.option("--slope", type=float, metavar="M", help="exponent of the S-N curve, with --shares")
+@click.option(
+    "--reference-range",
+    type=float,
+    metavar="MPA",
+    help="range of stress at two million cycles [MPa], with --shares",
+)
+@click.option("--level", type=float, default=0.9, metavar="P", help="level of the intervals of peaks (default 0.9)")
+@click.option(
+    "--window",
+    type=float,
+    nargs=2,
+    metavar="START END",
+    help="part of each storm that counts [s] (default: all of it)",
+)
+@_page.OPTION
+@_arguments.overwrite_option("replace another study in DIR")
 def design_command(**options: Any) -> None:
     """Run storms from all directions and of all speeds."""
     with telling_of_compilation():
