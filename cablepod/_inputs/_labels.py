@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from xarray.indexes import PandasIndex
 
 from cablepod.conventions import LABELS, ORDERED, is_in_order, is_rising
 from cablepod.errors import scene_error
@@ -16,7 +15,7 @@ RISING = "rising from the lower end"
 ROUNDING = 1e-6
 
 
-def label_orders(key: str, variables: Any, indexes: Any, *, some: bool) -> dict[str, Any]:
+def label_orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
     """Return the indices that bring labels into their order, by dimension; refuse labels that have none, and instants."""
     orders: dict[str, Any] = {}
     for name in ORDERED:
@@ -24,10 +23,7 @@ def label_orders(key: str, variables: Any, indexes: Any, *, some: bool) -> dict[
             continue
         if variable.dims != (name,):
             raise scene_error(f"{key}: {name}", f"the dimensions {variable.dims}", f"labels over the dimension {name}")
-        index = indexes.get(name)
-        labels = index.to_pandas_index() if isinstance(index, PandasIndex) else variable.values
-        if labels.dtype.kind in "fiu":  # an index of texts has the methods of an array, and takes long to become one
-            labels = np.asarray(labels)
+        labels = variable.values
         if is_in_order(name, labels):
             continue
         if name == "time":

@@ -74,7 +74,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     ]
     if kind is ANY:
         return given
-    orders = label_orders(key, variables, given.xindexes, some=kind.some) | place_orders(key, variables)
+    orders = label_orders(key, variables, some=kind.some) | place_orders(key, variables)
     coords = given.coords
     if orders or not all(in_order) or not all(name in coords for name in ORDERED if name in variables):
         return _tidied(key, given, kind, layout, orders)
@@ -90,8 +90,6 @@ def several(key: str, given: Any, kind: Kind) -> list[xr.Dataset]:
 
 def floats(array: Any) -> np.ndarray:
     """Return numbers as floats of this machine in the memory order of C, which decides on the last bits of sums."""
-    if type(array) is np.ndarray and array.dtype == FLOAT and array.flags.carray:  # ten times as fast as numpy's test
-        return array
     return np.require(array, float, ("C", "ALIGNED", "WRITEABLE"))
 
 
