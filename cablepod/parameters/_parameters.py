@@ -226,14 +226,10 @@ class Parameters:
         """Velocities and accelerations of both ends at time 0 (derivative, end, dims) [m/s, m/s^2]."""
         return np.stack([self.end_positions(np.zeros(1), derivative)[..., 0, :, :] for derivative in (1, 2)])
 
-    def end_coordinates_at_steps(
-        self, start: int, steps: int, steps_per_second: float, derivative: int = 0
-    ) -> np.ndarray:
-        """Return moving end coordinates [m], or a derivative, from step `start` on: (moving, steps + 1)."""
+    def end_coordinates_at_steps(self, start: int, steps: int, steps_per_second: float) -> np.ndarray:
+        """Return moving end coordinates [m] from step `start` on: (moving, steps + 1)."""
         rows = [
-            function.at_steps(
-                start, steps, steps_per_second, derivative, self.ends[ENDS.index(end), COORDINATES.index(axis)]
-            )
+            function.at_steps(start, steps, steps_per_second, 0, self.ends[ENDS.index(end), COORDINATES.index(axis)])
             for (end, axis), function in self.motions.items()
         ]
         # no copy of a single motion, the common case
