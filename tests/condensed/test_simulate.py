@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 import math
 
@@ -178,23 +177,6 @@ def test_equilibrium_by_the_other_law_stays_at_rest(soft, modes, scheme, order):
     assert float(np.abs(run.amplitude - run.amplitude[0]).max()) < 1e-12 * sag
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_a_mirrored_scene_has_the_mirrored_motion(soft, modes, order):
-    mapping = everything(soft)
-    mirrored = copy.deepcopy(mapping)
-    mirrored["ends"] = {"lower": [0.0, 0.0], "upper": [-8.0, 6.0]}
-    mirrored["load"]["uniform"][0] *= -1
-    for load in mirrored["point_load"]:
-        load["force"][0] *= -1
-    mirrored["motion"]["upper"]["x"] = {**mapping["motion"]["upper"]["x"], "amplitude": -0.03}
-    a, b = (
-        cp.condensed.simulate(cp.make_scene(m), modes[2], order=order, step=1 / 1000, times=[0.7, 2.0])
-        for m in (mapping, mirrored)
-    )
-    np.testing.assert_allclose(b.position * [-1, 1], a.position, atol=1e-11)
-    np.testing.assert_allclose(b.amplitude, -a.amplitude, atol=1e-11)
-
-
 def test_a_chord_that_passes_the_vertical_in_space_moves_as_in_the_plane(soft, modes):
     taut = {**soft, "cable": {**soft["cable"], "top_tension": 600.0}, "time": {"duration": 20.0, "interval": 0.5}}
     space = circling(taut, 1.3)  # from 37 to 111 degrees
@@ -205,51 +187,6 @@ def test_a_chord_that_passes_the_vertical_in_space_moves_as_in_the_plane(soft, m
     assert float(flat.position[-1, -1, 0]) < -3.0
     np.testing.assert_allclose(wide.position[..., :2], flat.position, atol=1e-11)
     np.testing.assert_allclose(wide.position[..., 2], 0.0, atol=1e-13)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_results_scale_with_the_units(soft, modes, order):
-    mapping, length, mass, time = everything(soft), 3.0, 7.0, 0.6
-    force = mass * length / time**2
-    scaled = copy.deepcopy(mapping)
-    scaled["gravity"] = 9.81 * length / time**2
-    scaled["cable"] = {
-        "youngs_modulus": 1e8 * force / length**2,
-        "area": 1e-3 * length**2,
-        "density": 1000.0 * mass / length**3,
-        "top_tension": 300.0 * force,
-    }
-    scaled["time"] = {name: value * time for name, value in mapping["time"].items()}
-    scaled["ends"] = {end: list(np.array(place) * length) for end, place in mapping["ends"].items()}
-    scaled["damping"] = {"mass_proportional": 0.8 / time}
-    scaled["load"] |= {"uniform": [3.0 * force / length, -2.0 * force / length], "angular_frequency": 3.0 / time}
-    for load in scaled["point_load"]:
-        load["force"] = list(np.array(load["force"]) * force)
-        if "kind" in load:
-            load["angular_frequency"] /= time
-    for end, axis in (("lower", "y"), ("upper", "x")):
-        part = scaled["motion"][end][axis]
-        scaled["motion"][end][axis] = {
-            **part,
-            "amplitude": part["amplitude"] * length,
-            "angular_frequency": part["angular_frequency"] / time,
-        }
-    outputs = ("position", "velocity", "tension")
-    times = np.array([0.5, 1.5])
-    a = cp.condensed.simulate(cp.make_scene(mapping), modes[2], order=order, step=1e-3, times=times, outputs=outputs)
-    b = cp.condensed.simulate(
-        cp.make_scene(scaled), modes[2], order=order, step=1e-3 * time, times=times * time, outputs=outputs
-    )
-    np.testing.assert_allclose(b.position / length, a.position, atol=1e-10)
-    np.testing.assert_allclose(b.velocity * time / length, a.velocity, atol=1e-9)
-    np.testing.assert_allclose(b.tension / force, a.tension, rtol=1e-8)
-    for name, factor in (
-        ("smallest_chordwise_force", force),
-        ("step_limit", time),
-        ("first_axial_frequency", 1 / time),
-    ):
-        assert b.attrs[name] == pytest.approx(factor * a.attrs[name], rel=1e-9)
-    assert b.attrs["forcing_over_axial_frequency"] == pytest.approx(a.attrs["forcing_over_axial_frequency"], rel=1e-12)
 
 
 @pytest.mark.parametrize("order", ORDERS[:2])
