@@ -1,6 +1,6 @@
-"""Mistakes in scenes of every kind, each on every key that it can befall: a refusal that names the key, or a note.
+"""Mistakes in scenes of every kind, each on every key that it can befall: a refusal that names the key.
 
-Wrong types, signs and numbers, missing and misspelt keys, wrong tables, swapped ends, other units.
+Wrong types, signs and numbers, missing and misspelt keys, wrong tables; other units are in test_notes.py.
 """
 
 from __future__ import annotations
@@ -44,10 +44,6 @@ REQUIRED = (
     "ensemble.ranges",
 )  # fmt: skip
 SIGNED = ("motion.upper.x.amplitude", "motion.upper.x.phase")
-#: Lower bound 0 or more: a negative number is refused.
-UNITS = {
-    "cable.youngs_modulus", "cable.area", "cable.density", "cable.top_tension", "cable.breaking_strength", "gravity",
-}  # fmt: skip
 
 
 def changed(path: str, value: Any, *, remove: str = "") -> dict[str, Any]:
@@ -154,32 +150,3 @@ def test_a_mistake_is_refused_by_name(kind, scene, named):
     assert repr(scene) == before
     if kind.startswith("misspelt"):
         assert "; try: " in said
-
-
-#: Right forms, wrong numbers: accepted, but noted (or refused) by the name of the key.
-QUIET = [
-    *((path, value_at(path) * factor, path) for path in sorted(UNITS) for factor in (1e-6, 1e-3, 1e3, 1e6)),
-    ("motion.upper.x.amplitude", 200.0, "motion.upper.x"),
-    ("load.uniform", [15000.0, 0.0], "load.uniform"),
-    ("point_load.1.force", [0.0, -1e5], "point_load"),
-    ("ends.upper", [20.4, -57.7], "ends.upper"),
-    *(("ends.upper", [20.4 * factor, 57.7 * factor], "ends.upper") for factor in (1e-6, 1e-3, 1e3, 1e6)),
-]
-
-
-#: Frequencies of a cable as stiff as this take six seconds.
-STIFF = ("cable.youngs_modulus", 1.6e11 * 1e6, "cable.youngs_modulus")
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "named"),
-    [pytest.param(*row, id=f"{row[0]} {row[1]}", marks=[pytest.mark.slow] * (row == STIFF)) for row in QUIET],
-)
-def test_a_number_in_another_unit_is_not_accepted_in_silence(path, value, named):
-    scene = changed(path, value)
-    del scene["ensemble"]
-    try:
-        said = str(cp.summary(cp.make_scene(scene)).note.values)
-    except cp.SceneError as error:
-        said = str(error)
-    assert named in said
