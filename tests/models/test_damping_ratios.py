@@ -48,10 +48,10 @@ def test_each_mode_of_a_taut_string_has_the_ratio(mode, model, options):
     ("model", "mode", "options"),
     [
         *((model, mode, {"step": 2.5e-3}) for model in FULL for mode in (1, 2, 3)),
-        *(
-            ("condensed", mode, {"order": order, "tolerance": 1e-4})
-            for mode, order in ((1, "exact"), (2, "leading"), (2, "inertial"), (3, "exact"))
-        ),
+        ("condensed", 1, {"order": "exact", "tolerance": 1e-4}),
+        ("condensed", 2, {"order": "leading", "tolerance": 1e-4}),
+        slow("condensed", 2, {"order": "inertial", "tolerance": 1e-4}),
+        ("condensed", 3, {"order": "exact", "tolerance": 1e-4}),
     ],
     ids=str,
 )
