@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from mast_scenes import small
 from scene_files import GUY, MASS
 
 import cablepod as cp
@@ -44,6 +45,12 @@ ATTACHMENTS_REFUSED = [
     ([{"arc_length": 0.5, "damper": 1.0}], "attachment.1.direction: missing"),
     ([{"arc_length": 0.5, "spring": 1.0}], "attachment.1.direction: missing"),
     ([{"arc_length": 0.5, "damper": 1.0, "direction": "across"}], "attachment.1.direction: given 'across'"),
+    ([{"arc_length": 0.5, "mas": 1.0}], "attachment.1.mas: unknown key"),
+    ([{"arc_length": 1.0, "drag_area": 1.0}], "attachment.1.arc_length: given 1.0"),
+    ({"arc_length": 0.5}, "attachment: given"),
+]
+#: Of a planar cable, or of one of this length.
+REFUSED_HERE = [
     ([{"arc_length": 0.5, "damper": 1.0, "direction": [0.0, 0.0]}], "attachment.1.direction: given [0.0, 0.0]"),
     (
         [{"arc_length": 0.5, "damper": 1.0, "direction": [0.0, 0.0, 1.0]}],
@@ -53,15 +60,21 @@ ATTACHMENTS_REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("tables", "message"), SEGMENTS_REFUSED)
-def test_segments_are_refused_by_key(tables: Any, message: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "tables", "message"),
+    [("segment", *row) for row in SEGMENTS_REFUSED] + [("attachment", *row) for row in ATTACHMENTS_REFUSED],
+)
+def test_they_are_refused_by_key_on_a_cable_and_on_the_guys_of_a_mast(kind: str, tables: Any, message: str) -> None:
     with pytest.raises(SceneError) as error:
-        cp.make_scene({**GUY, "segment": tables})
+        cp.make_scene({**GUY, kind: tables})
     assert str(error.value).startswith(message)
+    with pytest.raises(SceneError) as error:
+        small(lambda mapping: mapping["cables"]["guy"].update({kind: tables}))
+    assert str(error.value).startswith(f"cables.guy.{message}")
 
 
-@pytest.mark.parametrize(("tables", "message"), ATTACHMENTS_REFUSED)
-def test_attachments_are_refused_by_key(tables: Any, message: str) -> None:
+@pytest.mark.parametrize(("tables", "message"), REFUSED_HERE)
+def test_attachments_of_a_planar_cable_are_refused_by_key(tables: Any, message: str) -> None:
     with pytest.raises(SceneError) as error:
         cp.make_scene({**GUY, "attachment": tables})
     assert str(error.value).startswith(message)
