@@ -4,27 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import cablepod as cp
+from cablepod import examples
 
 TIMES = np.arange(0.0, 10.1, 0.5)
 OPTIONS = {"order": "exact", "scheme": "velocity_verlet", "step": 0.01, "times": TIMES}
 
 
 def sines(links, rank):
-    """Smooth modes of layout "normal"."""
+    """The first sines on equal links."""
     sigma = np.linspace(0.0, 1.0, links + 1)
-    shape = np.sin(np.pi * np.outer(np.arange(1, rank + 1), sigma))
-    return xr.Dataset(
-        {
-            "mode_shape": (("mode", "particle"), shape / np.sqrt(links / 2)),
-            "singular_value": ("mode", np.ones(rank)),
-            "unstretched_length": ((), 1.0),
-        },
-        coords={"mode": np.arange(1, rank + 1), "arc_length": ("particle", sigma), "coordinate": ["x", "y"]},
-        attrs={"layout": "normal", "stage": "modes"},
-    )
+    return cp.modes(np.sin(np.pi * np.outer(np.arange(1, rank + 1), sigma)), arc_length=sigma)
 
 
 def largest_error(run, truth):
@@ -34,7 +25,7 @@ def largest_error(run, truth):
 @pytest.mark.parametrize("law", ["linear", "green"])
 def test_links_converge_to_quadrature_points(law):
     """Both approximate the continuous cable; their distance is the second-order error of the links."""
-    scene = cp.read_scene("data/scenes/example4.toml")
+    scene = examples.scene("example4")
     apart = []
     for links in (20, 40, 80):
         modes = sines(links, 2)
@@ -67,17 +58,15 @@ def test_chordwise_inertia_of_links_converges_to_that_of_points(soft):
 
 def test_sixteen_points_suffice_for_three_modes():
     """Sixteen points integrate products of four slopes of three sines to 1e-6."""
-    scene, modes = cp.read_scene("data/scenes/example4.toml"), sines(80, 3)
+    scene, modes = examples.scene("example4"), sines(80, 3)
     few, many = (cp.condensed.simulate(scene, modes, quadrature=n, outputs=("position",), **OPTIONS) for n in (16, 32))
     assert largest_error(few, many) < 1e-4
 
 
 def test_members_equal_single_runs():
-    scenes = xr.concat(
-        [cp.read_scene("data/scenes/example4.toml").assign(cable_top_tension=((), t)) for t in (7500.0, 9000.0)],
-        dim="member",
+    scenes = cp.ensemble.design(
+        examples.scene("example4"), {"cable.top_tension": [7500.0, 9000.0]}, members=2, sampling="list"
     )
-    scenes = scenes.assign_attrs(cp.read_scene("data/scenes/example4.toml").attrs)
     modes = sines(40, 2)
     options = {**OPTIONS, "quadrature": 12, "outputs": ("position",)}
     both = cp.condensed.simulate(scenes, modes, **options)
@@ -98,7 +87,7 @@ def test_members_equal_single_runs():
 def test_unsupported_options_are_refused(changes, match):
     options = {**OPTIONS, "quadrature": 12, **changes}
     with pytest.raises(cp.SceneError, match=match):
-        cp.condensed.simulate(cp.read_scene("data/scenes/example4.toml"), sines(40, 4), **options)
+        cp.condensed.simulate(examples.scene("example4"), sines(40, 4), **options)
 
 
 def test_point_loads_are_refused(soft):
