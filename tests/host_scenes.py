@@ -34,15 +34,8 @@ SCENES = {"planar": GUY, "spatial": SPATIAL}
 def sines(rank: int, dims: int = 2, points: int = 41) -> xr.Dataset:
     """Modes of layout "normal" that are sines."""
     sigma = np.linspace(0.0, 1.0, points)
-    shape = np.array([np.sin((i + 1) * np.pi * sigma) for i in range(rank)])
-    modes = xr.Dataset(
-        {"mode_shape": (("mode", "particle"), shape), "singular_value": ("mode", np.ones(rank))},
-        coords={"coordinate": list("xyz"[:dims]), "arc_length": ("particle", sigma)},
-        attrs={"layout": "normal", "stage": "modes"},
-    )
-    if dims == 3:
-        modes["mode_shape_out_of_plane"], modes["singular_value_out_of_plane"] = modes.mode_shape, modes.singular_value
-    return modes
+    shapes = np.sin(np.pi * np.outer(np.arange(1, rank + 1), sigma))
+    return cp.modes(shapes if dims == 2 else np.stack([shapes, shapes]), arc_length=sigma)
 
 
 def prepared(mapping: dict[str, Any], rank: int = 4, points: int = 41, **options: Any) -> Any:
