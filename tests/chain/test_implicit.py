@@ -141,15 +141,6 @@ def test_generalized_alpha_damps_unresolved_frequencies(soft, radius):
 # --- choices and refusals -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_tolerance_is_met(soft, scheme):
-    scene = cp.make_scene(soft)
-    run = cp.chain.simulate(scene, scheme=scheme, tolerance=1e-4, outputs=("position",))
-    assert run.attrs["scheme"] == scheme
-    truth = cp.chain.simulate(scene, scheme="velocity_verlet", tolerance=1e-7, outputs=("position",))
-    assert float(cp.compare.errors(run, truth).error_max) < 1e-4
-
-
 def test_the_choice_of_scheme_follows_the_tolerance(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     loose = cp.chain.simulate(scene, tolerance=1e-3)

@@ -44,16 +44,20 @@ def test_a_divergent_run_stops_at_the_step_that_leaves_the_bound(soft, scheme, s
     np.testing.assert_allclose(partial.position[:count], again.position, rtol=0.0, atol=rounding)
 
 
-def test_a_tolerance_is_met(soft):
+@pytest.mark.parametrize(
+    ("scheme", "tolerance"),
+    [(None, 1e-4), (None, 1e-6), ("trapezoidal", 1e-4), ("generalized_alpha", 1e-4), ("energy_momentum", 1e-4)],
+)
+def test_a_tolerance_is_met(soft, scheme, tolerance):
     scene = scene_with(soft)
     exact = cp.chain.simulate(scene, step=1 / 64000)
-    for tolerance in (1e-4, 1e-6):
-        run = cp.chain.simulate(scene, tolerance=tolerance, outputs=("position",))
-        error = float(cp.compare.errors(run, exact).error_max)
-        # the estimate is a bound after two runs, and right within a factor of two after more
-        assert error < 2 * run.attrs["time_error_estimate"]
-        assert run.attrs["time_error_estimate"] <= tolerance
-        assert error < tolerance
+    run = cp.chain.simulate(scene, scheme=scheme, tolerance=tolerance, outputs=("position",))
+    assert run.attrs["scheme"] == scheme or scheme is None
+    error = float(cp.compare.errors(run, exact).error_max)
+    # the estimate is a bound after two runs, and right within a factor of two after more
+    assert error < 2 * run.attrs["time_error_estimate"]
+    assert run.attrs["time_error_estimate"] <= tolerance
+    assert error < tolerance
 
 
 def test_the_tolerance_is_met_where_the_motion_begins_with_a_jump(soft):
