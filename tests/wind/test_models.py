@@ -246,39 +246,6 @@ def test_components_of_a_field_are_found_by_their_label():
     assert np.array_equal(first, second)
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        (lambda field: field.isel(time=slice(0, 5)), "too short"),
-        (lambda field: field.isel(time=slice(0, 0)), "do not rise"),
-        (lambda field: field.isel(time=slice(None, None, -1)), "do not rise"),
-        (lambda field: field.assign(wind=field.wind.where(field.time != 1.0)), "not finite"),
-        (lambda field: field.assign(position=field.position + 500.0).drop_vars("relative_arc_length"), "no point near"),
-        (lambda field: field.drop_vars("wind"), "without wind"),
-        (lambda field: field.drop_vars(["position", "relative_arc_length"]), "without position"),
-        (lambda field: field.isel(component=slice(0, 2)), "components"),
-        (
-            lambda field: field.drop_vars("component").assign_coords(component=("point", field.point.values)),
-            "component over",
-        ),
-        (lambda field: field.assign(wind=field.wind.assign_attrs(units="km h-1")), "wind: given units 'km h-1'"),
-        (lambda field: field.assign_coords(time=field.time.assign_attrs(units="min")), "time: given units 'min'"),
-        (lambda field: field.assign(position=field.position.assign_attrs(units="mm")), "position: given units 'mm'"),
-        (lambda field: "wind.nc", "given a str"),
-    ],
-)
-def test_wrong_fields_are_refused(change, text):
-    scene = gusty(time={"duration": 2.0, "interval": 0.1}, chain={"links": 10})
-    field = change(cp.wind.field(scene))
-    modes = cp.condensed.vibration_modes(scene, rank=4)
-    for call in (
-        lambda: cp.chain.simulate(scene, step=1e-3, wind=field),
-        lambda: cp.condensed.simulate(scene, modes, step=0.01, wind=field),
-    ):
-        with pytest.raises(cp.SceneError, match=rf"^wind: .*{text}.*allowed: "):
-            call()
-
-
 def test_other_schemes_refuse_wind():
     scene = cp.make_scene({**GUY, "wind": WIND})
     modes = cp.condensed.vibration_modes(scene, rank=4)

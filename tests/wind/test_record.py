@@ -136,16 +136,41 @@ BAD = {
     "planar": (lambda f: f.isel(component=[0, 1]), r"given the components x, y; allowed: x, y, z"),
     "hours": (lambda f: f.assign_coords(time=f.time.assign_attrs(units="hours")), r"time: given units 'hours'; allowed: s"),
     "knots": (lambda f: f.assign(wind=f.wind.assign_attrs(units="knots")), r"wind: given units 'knots'; allowed: m s-1"),
+    "millimetres": (
+        lambda f: f.assign(position=f.position.assign_attrs(units="mm")), r"position: given units 'mm'; allowed: m"
+    ),
+    "components of points": (
+        lambda f: f.drop_vars("component").assign_coords(component=("point", f.point.values)), r"component over"
+    ),
     "texts": (lambda f: f.assign(wind=f.wind.astype(str)), r"given wind .* of type .*; allowed: numbers over"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_record_is_named(name, gusts):
+def test_a_bad_record_and_a_bad_field_are_named(name, gusts):
     change, message = BAD[name]
-    change(gusts).to_netcdf("field.nc")
+    bad = change(gusts)
+    bad.to_netcdf("field.nc")
     with pytest.raises(cp.SceneError, match=rf"^wind\.turbulence\.record: .*field\.nc.*{message}"):
         cp.make_scene(with_record())
+    refuse_field(bad, message)
+
+
+def refuse_field(field, message):
+    """Hold that models refuse a given field."""
+    scene = cp.make_scene({**SHORT, "wind": KAIMAL})
+    modes = cp.condensed.vibration_modes(scene, rank=4)
+    for call in (
+        lambda: cp.chain.simulate(scene, step=2e-4, wind=field),
+        lambda: cp.condensed.simulate(scene, modes, step=0.02, wind=field),
+    ):
+        with pytest.raises(cp.SceneError, match=rf"^wind: .*{message}") as refused:
+            call()
+        assert "; allowed: " in str(refused.value)
+
+
+def test_a_path_is_no_field():
+    refuse_field("wind.nc", "given a str")
 
 
 @pytest.mark.parametrize(
