@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
+from mast_scenes import SMALL
 
 import cablepod as cp
 
@@ -23,11 +24,6 @@ SHORT = {
     **FULL,
     "cable": {"axial_stiffness": 1.6e11 * AREA, "mass_per_length": 8000.0 * AREA, "top_tension": 15000.0},
     "ends": {"lower": [2.0, 1.0], "chord": math.hypot(20.0, 50.0), "inclination": math.degrees(math.atan2(50.0, 20.0))},
-}
-MAST = {
-    "mast": {"height": 30.0, "bending_stiffness": 4.0e6, "mass": 20.0, "elements": 8, "modes": 3},
-    "cables": {"guy": {"youngs_modulus": 1.6e11, "area": 3.8e-5, "density": 8000.0, "diameter": 0.008}},
-    "guy": [{"cable": "guy", "level": 28.0, "radius": 20.0, "count": 3, "direction": [1.0, 0.0, 0.0]}],
 }
 
 
@@ -166,9 +162,7 @@ def test_a_number_in_another_unit_is_suggested():
 
 
 def test_guys_of_a_mast_take_them_too():
-    full = copy.deepcopy(MAST)
-    full["guy"][0]["top_tension"] = 5000.0
-    short = copy.deepcopy(full)
+    full, short = copy.deepcopy(SMALL), copy.deepcopy(SMALL)
     short["cables"]["guy"] = {"axial_stiffness": 1.6e11 * 3.8e-5, "mass_per_length": 8000.0 * 3.8e-5, "diameter": 0.008}
     one, other = cp.mast.rest(cp.make_scene(full)), cp.mast.rest(cp.make_scene(short))
     np.testing.assert_allclose(other["guy_length"], one["guy_length"], rtol=1e-14)

@@ -6,6 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
+from mast_scenes import small
 
 import cablepod as cp
 from cablepod import examples
@@ -79,14 +80,11 @@ def test_the_shipped_table_is_a_table_too(tmp_path):
 
 
 def test_guys_of_a_mast_take_it(folder):
-    mast = {"height": 30.0, "bending_stiffness": 4.0e6, "mass": 20.0}
-    guy = {"cable": "guy", "level": 28.0, "radius": 20.0, "count": 3, "direction": [1.0, 0.0, 0.0], "top_tension": 5e3}
-    cables = {"guy": {"strand": "Rope 16", "strand_table": str(folder / "ropes.csv")}}
-    scene = cp.make_scene({"mast": mast, "cables": cables, "guy": [guy]})
+    cable = {"strand": "Rope 16", "strand_table": str(folder / "ropes.csv")}
+    scene = small(lambda mapping: mapping["cables"].update(guy=cable))
     assert float(scene["cables_guy_mass_per_length"]) == 1.05
-    cables["guy"]["strand"] = "Rope 61"
     with pytest.raises(cp.SceneError, match=r"^cables\.guy\.strand: given 'Rope 61'; allowed: one of .*; try: Rope 16"):
-        cp.make_scene({"mast": mast, "cables": cables, "guy": [guy]})
+        small(lambda mapping: mapping["cables"].update(guy={**cable, "strand": "Rope 61"}))
 
 
 @pytest.mark.parametrize(
