@@ -187,6 +187,27 @@ def test_a_mirrored_scene_moves_as_its_mirror_image(case, simulate):
         np.testing.assert_allclose(image.amplitude, -run.amplitude, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("case", [case for case in CASES if case.startswith(("chain", "rigid"))])
+def test_a_free_lower_end_is_a_free_upper_end_seen_from_the_other_side(case, simulate):
+    ratios, (lower, upper) = [1.0, 2.0, 3.0, 1.5], ([0.0, 0.0], [8.0, 6.0])
+    given = seen = RIGID_CABLE
+    if case.startswith("chain"):
+        given, seen = SOFT["cable"], {**SOFT["cable"], "bottom_tension": SOFT["cable"]["top_tension"]}
+        del seen["top_tension"]
+    still = {**SOFT, "motion": {}}
+    scenes = (
+        {**still, "cable": given, "ends": {"lower": lower, "upper": upper, "free": "upper"}, "chain": {"link_lengths": ratios}},
+        {
+            **still, "cable": seen, "ends": {"lower": upper, "upper": lower, "free": "lower"},
+            "chain": {"link_lengths": ratios[::-1]},
+        },
+    )  # fmt: skip
+    run, other = (simulate(case, scene, times=[0.2, 0.4], outputs=("position", "tension_extremes")) for scene in scenes)
+    # rounding of the rest and of sums in the other order, 1e-15 of 10 m, over 400 steps of a motion that is not chaotic yet
+    np.testing.assert_allclose(other.position[:, ::-1], run.position, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(other.tension_maximum[::-1], run.tension_maximum, rtol=1e-8)
+
+
 def in_other_units(table: Any, of_key: dict[str, float]) -> Any:
     """Nested tables whose numbers are multiplied by the factors of their keys."""
     if isinstance(table, dict):
