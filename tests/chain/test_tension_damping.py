@@ -136,20 +136,6 @@ def test_members_of_the_condensed_model_are_single_runs():
     assert np.array_equal(together.position.isel(member=4), alone.position)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda scene, modes: cp.rigid.simulate(scene, step=1e-3),
-        lambda scene, modes: cp.galerkin.simulate(scene, cp.pod.decompose(cp.chain.simulate(scene, step=5e-4), rank=2)),
-        lambda scene, modes: cp.condensed.prepare(scene, modes),
-    ],
-)
-def test_models_without_it_refuse_it(call):
-    scene, _ = string(1, links=10, duration=0.1)
-    with pytest.raises(cp.SceneError, match=r"^damping\.tension_proportional: given .*; allowed: none"):
-        call(scene, cp.condensed.vibration_modes(scene, rank=2))
-
-
 def test_other_schemes_of_the_condensed_model_refuse_it():
     scene, _ = string(1, links=10, duration=0.1)
     modes = cp.condensed.vibration_modes(scene, rank=2)

@@ -138,7 +138,7 @@ def test_ratios_are_part_of_the_identity_and_history_of_a_run():
 
 
 @pytest.mark.parametrize(("key", "value"), [("ratio", 0.02), ("ratios", [0.02, 0.01])])
-def test_schemes_free_ends_and_models_without_it_refuse_it(key, value):
+def test_other_schemes_and_free_ends_refuse_it(key, value):
     tables = {
         "cable": {"youngs_modulus": 2e9, "area": 1e-4, "density": 8000.0, "unstretched_length": 40.0},
         "ends": {"lower": [0.0, 0.0], "upper": [39.0, 0.0]},
@@ -153,18 +153,11 @@ def test_schemes_free_ends_and_models_without_it_refuse_it(key, value):
             simulate(model, damped, scheme="velocity_verlet")
         with pytest.raises(cp.SceneError, match=rf"{given} with ends\.free"):
             simulate(model, free)
-    modes = cp.condensed.vibration_modes(damped, rank=2)
     with pytest.raises(
         cp.SceneError,
         match=r"^scheme: given 'numerov'; allowed: .velocity_verlet. or .trapezoidal. with damping.ratio",
     ):
-        cp.condensed.simulate(damped, modes, scheme="numerov")
-    fields = cp.pod.decompose(cp.chain.simulate(damped, step=1e-3), rank=2)
-    for call in (lambda: cp.rigid.simulate(damped), lambda: cp.galerkin.simulate(damped, fields)):
-        with pytest.raises(cp.SceneError, match=rf"{given}; try: c"):
-            call()
-    with pytest.raises(cp.SceneError, match=given):
-        cp.condensed.prepare(damped, modes)
+        simulate("condensed", damped, scheme="numerov")
 
 
 @pytest.mark.parametrize("key", ["links", "chain.links"])

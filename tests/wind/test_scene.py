@@ -139,27 +139,6 @@ def test_ice_grows_after_tensioning():
     assert np.array_equal(cp.catenary.rest(no_ice).tension, same.tension)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda scene, modes: cp.rigid.simulate(scene, step=1e-3),
-        lambda scene, modes: cp.galerkin.simulate(
-            scene, cp.pod.decompose(cp.chain.simulate(scene, step=5e-4, times=[0.0, 0.1, 0.2]), rank=2)
-        ),
-    ],
-)
-def test_models_without_wind_refuse_it_by_key(call):
-    scene = cp.make_scene({**GUY, "wind": WIND})
-    with pytest.raises(cp.SceneError, match=r"^wind: given 25 m/s; allowed: none"):
-        call(scene, cp.condensed.vibration_modes(scene, rank=2))
-
-
-def test_prepared_models_refuse_ice():
-    scene = cp.make_scene({**GUY, "ice": {"thickness": 0.01}})
-    with pytest.raises(cp.SceneError, match=r"^ice\.thickness: given 0\.01"):
-        cp.condensed.prepare(scene, cp.condensed.vibration_modes(scene, rank=2))
-
-
 @pytest.mark.slow
 def test_a_study_leaves_out_the_model_that_refuses_wind():
     wind = {"speed": 20.0, "direction": [1.0, 0.0, 0.0]}
