@@ -93,6 +93,13 @@ def adapted(
         direction, state = resized_direction(direction, found, harmonics), found.resized(harmonics)
 
 
+def adapted_at(solver: Solver, state: State) -> tuple[State, np.ndarray, int]:
+    """Correct a state at its frequency, with as many harmonics as :func:`adapted` takes."""
+    direction = np.zeros(state.z.size)
+    direction[-1] = 1.0
+    return adapted(solver, state, direction, state.omega)
+
+
 def zero_between(
     ends: tuple[T, T], between: Callable[[T, T, float], T | None], test: Callable[[T], float], tolerance: float
 ) -> tuple[float, T] | None:

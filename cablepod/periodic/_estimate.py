@@ -11,7 +11,7 @@ from cablepod.condensed._vibration import vibration_modes
 from cablepod.errors import RunStopped, SceneError
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.periodic import _fields as fields
-from cablepod.periodic._continuation import Branch, Limits, adapted, trace
+from cablepod.periodic._continuation import Branch, Limits, adapted_at, trace
 from cablepod.periodic._events import Event, can_be_told_apart, events_between, signs
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import model_of
@@ -93,10 +93,8 @@ def orbit_error(solver: Solver, state: State, rich: Solver, phases: int = 128) -
     It is nan where the richer model has no orbit nearby.
     """
     guess = transferred(state, solver.model, rich.model)
-    direction = np.zeros(guess.z.size)
-    direction[-1] = 1.0
     try:
-        found, _, iterations = adapted(rich, guess, direction, guess.omega)
+        found, _, iterations = adapted_at(rich, guess)
     except RunStopped:
         return np.nan
     if iterations < 0:

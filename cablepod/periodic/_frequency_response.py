@@ -15,7 +15,7 @@ from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _output as output
-from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point, trace
+from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point, adapted_at, distance, trace
 from cablepod.periodic._events import (
     DOUBLING,
     Event,
@@ -42,6 +42,8 @@ FOLLOW = ("whirling", "period_doubling")
 MAX_PERIODS, MAX_DEPTH = 4, 3
 #: Relative distance in frequency within which a branch that comes back meets a known bifurcation.
 MEETING_RTOL = 5e-3
+#: Size of the difference of two states over that of either, below which they are one.
+SAME_RTOL = 1e-4
 #: Work of a study, in unknowns cubed of all linear systems, after which no more points are traced: some seconds.
 MAX_WORK = 5e10
 
@@ -167,6 +169,11 @@ def frequency_range(key: str, given: Any) -> tuple[float, float]:
     return low, high
 
 
+def _are_one(first: State, second: State) -> bool:
+    """Return whether two states are the same solution."""
+    return float(np.linalg.norm(distance(first, second))) < SAME_RTOL * float(np.linalg.norm(second.z))
+
+
 class _Study:
     """Branches and bifurcations found so far."""
 
@@ -211,15 +218,14 @@ class _Study:
             self.progress(1.0)
 
     def _main(self) -> None:
-        """Trace from the lowest frequency, and from the highest where the first branch does not reach it."""
+        """Trace what grows from rest at the lowest frequency, and at the highest where the first branch does not end in it."""
         found = False
         for omega, sign in ((self.low, 1.0), (self.high, -1.0)):
-            first = self.branches[0].points if self.branches else []
-            if found and ((first and first[-1].state.omega >= self.high) or self._is_over()):
+            if found and self._is_over():
                 break
-            state = grown_from_rest(self.solver, omega, self.harmonics)
-            state, direction, iterations = self.solver.at_frequency(state)
-            if iterations < 0:
+            state, direction, iterations = adapted_at(self.solver, grown_from_rest(self.solver, omega, self.harmonics))
+            ends = (branch.points[-1].state for branch in self.branches if branch.points)
+            if iterations < 0 or any(_are_one(end, state) for end in ends):
                 continue
             if sign * direction[-1] < 0.0:
                 direction = -direction

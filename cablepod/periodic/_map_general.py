@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from cablepod.periodic import _fields as fields
-from cablepod.periodic._continuation import adapted
+from cablepod.periodic._continuation import adapted_at
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._map import HARMONICS, MapResult
 from cablepod.periodic._model import PeriodicModel
@@ -49,9 +49,7 @@ def compute_general_map(
 def _found(solver: Solver, omega: float, known: list[State], last: State | None) -> State | None:
     """Return the response at a frequency from one of the first guesses; None for none."""
     for guess in _guesses(solver, omega, known, last):
-        direction = np.zeros(guess.z.size)
-        direction[-1] = 1.0
-        state, _, iterations = adapted(solver, guess, direction, omega)
+        state, _, iterations = adapted_at(solver, guess)
         if iterations > 0:
             return state
     return None

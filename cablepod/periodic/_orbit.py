@@ -14,7 +14,7 @@ from cablepod.parameters._checks import integer
 from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
-from cablepod.periodic._continuation import adapted
+from cablepod.periodic._continuation import adapted_at
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import each_member, given_names, model_of
 from cablepod.periodic._model import PeriodicModel
@@ -158,11 +158,7 @@ def find(solver: Solver, omega: float, periods: int, harmonics: int | None, star
         if start is None
         else state_of(model, start, omega, periods, count)
     )
-    direction = np.zeros(state.z.size)
-    direction[-1] = 1.0
-    found, _, iterations = (
-        solver.at_frequency(state) if harmonics is not None else adapted(solver, state, direction, omega)
-    )
+    found, _, iterations = solver.at_frequency(state) if harmonics is not None else adapted_at(solver, state)
     if iterations < 0:
         raise RunStopped(
             f"no periodic response at {omega * model.scales[0]:.6g} rad/s: Newton's method fails from "

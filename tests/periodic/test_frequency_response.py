@@ -182,3 +182,36 @@ def test_a_pair_that_becomes_real_does_not_halt_a_branch():
     modes = cp.condensed.vibration_modes(scene, rank=4)
     response = cp.periodic.frequency_response(scene, modes, frequency=(3.0, 9.0), follow=(), points=1000)
     assert response.attrs["branch_1_ended"] == "range"
+
+
+def test_a_response_that_rejoins_beyond_the_range_is_found_from_its_other_end(whirling):
+    """The range ends below the peak of the resonance, so that the low response is not on the branch that comes from below."""
+    scene, modes, _ = whirling
+    response = cp.periodic.frequency_response(scene, modes, frequency=(6.5, 8.5), follow=(), outputs=())
+    at_end = response.deflection_maximum.values[np.isclose(response.angular_frequency, 8.5, rtol=1e-9)]
+    lowest = cp.periodic.orbit(loaded(0.6, 8.5, 0.05), modes).deflection_maximum
+    assert at_end.min() == pytest.approx(float(lowest), rel=1e-4)  # largest of the phases of either
+    assert at_end.max() > 3.0 * at_end.min()
+
+
+def test_a_branch_that_reaches_the_other_end_is_traced_once(whirling):
+    scene, modes, _ = whirling
+    response = cp.periodic.frequency_response(scene, modes, frequency=(3.0, 4.0), follow=(), outputs=())
+    assert set(response.branch.values) == {1}
+
+
+def test_a_branch_that_ends_at_once_leaves_the_other_end():
+    scene = guy(amplitude=10.0)  # slack, with multipliers beyond the numbers at the lowest frequency
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    with pytest.warns(cp.errors.OutOfRangeWarning):
+        response = cp.periodic.frequency_response(scene, modes, frequency=(0.2, 0.4), follow=(), outputs=())
+    assert set(response.branch.values) == {2}
+    assert response.attrs["branch_2_ended"] == "slack"
+
+
+def test_the_ends_of_a_branch_have_as_many_harmonics_as_they_need():
+    """At a fifth of the first frequency six harmonics miss most of the superharmonic resonance."""
+    scene = guy(amplitude=0.05, angular_frequency=2.5)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    response = cp.periodic.frequency_response(scene, modes, frequency=(2.5, 2.51), follow=(), outputs=())
+    assert response.harmonic_tail.max() < 1e-6  # the bound of the page
