@@ -22,6 +22,8 @@ FAR, STEP_OVER_FREQUENCY = 4.0, 0.02
 MIN_COSINE, GOOD_COSINE = 0.9, 0.98
 #: Number of Newton iterations below which the step grows, and above which it shrinks.
 FEW_ITERATIONS, MANY_ITERATIONS = 4, 6
+#: Largest change of the motion in a step over its size, which draws a small resonance too, and that above which no step grows.
+MAX_CHANGE, GOOD_CHANGE = 0.25, 0.18
 #: Distance from the start of a branch, over the step, that counts as having come back.
 LOOP_RTOL = 0.3
 #: Size of a test function at its zero, over that at the ends, above which it jumps there; number of evaluations that tell it.
@@ -213,7 +215,8 @@ def trace(
         if good:
             before = resized_direction(direction, state, found.harmonics)
             cosine = float(before @ tangent) / float(np.linalg.norm(before))
-            good = cosine > MIN_COSINE
+            change = _change_of_motion(state, found)
+            good = cosine > MIN_COSINE and (change < MAX_CHANGE or step <= 100.0 * LEAST_STEP)
         if good:
             if not _append(branch, point_of(found, tangent)):
                 return
@@ -229,15 +232,22 @@ def trace(
         motion = float(np.linalg.norm(found.coefficients[1:]))
         far = found.omega > FAR * solver.model.highest_frequency
         along = STEP_OVER_FREQUENCY * found.omega if far else 0.0
-        step = _next_step(step, iterations, cosine, max(largest, STEP_OVER_MOTION * motion, along))
+        step = _next_step(step, iterations, cosine, change, max(largest, STEP_OVER_MOTION * motion, along))
         state, direction = thinned(found, tangent)
 
 
-def _next_step(step: float, iterations: int, cosine: float, largest: float) -> float:
-    """Return the arc length of the next step after one with some Newton iterations and a turn of the branch."""
-    if iterations <= FEW_ITERATIONS and cosine > GOOD_COSINE:
+def _next_step(step: float, iterations: int, cosine: float, change: float, largest: float) -> float:
+    """Return the arc length of the next step after one with some Newton iterations, a turn of the branch and a change."""
+    if iterations <= FEW_ITERATIONS and cosine > GOOD_COSINE and change < GOOD_CHANGE:
         return min(1.4 * step, largest)
     return 0.7 * step if iterations > MANY_ITERATIONS or cosine < GOOD_COSINE else step
+
+
+def _change_of_motion(first: State, second: State) -> float:
+    """Return the difference of two motions, without their means, over the size of the larger one."""
+    change = distance(first, second)[:-1].reshape(-1, second.size)[1:]
+    sizes = [float(np.linalg.norm(state.coefficients[1:])) for state in (first, second)]
+    return float(np.linalg.norm(change)) / max(*sizes, 1e-300)
 
 
 def _append(branch: Branch, point: Point) -> bool:

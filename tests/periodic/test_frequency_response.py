@@ -215,3 +215,22 @@ def test_the_ends_of_a_branch_have_as_many_harmonics_as_they_need():
     modes = cp.condensed.vibration_modes(scene, rank=2)
     response = cp.periodic.frequency_response(scene, modes, frequency=(2.5, 2.51), follow=(), outputs=())
     assert response.harmonic_tail.max() < 1e-6  # the bound of the page
+
+
+@pytest.mark.parametrize("key", ["mass_proportional", "tension_proportional", "ratio"])
+def test_points_meet_the_peak_of_a_small_resonance(key):
+    """Of a string under a small uniform load p sin: (4 / pi) p / 2 zeta omega^2 mu at its first frequency omega."""
+    ratio, force = 0.004, 1e-4
+    scene = loaded(force, 7.0, 0.0)
+    modes = cp.condensed.vibration_modes(scene, rank=1)
+    omega = float(modes.angular_frequency[0])
+    value, units = {
+        "mass_proportional": (2.0 * ratio * omega, "s-1"),
+        "tension_proportional": (2.0 * ratio / omega, "s"),
+        "ratio": (ratio, "1"),
+    }[key]
+    scene = scene.drop_vars("damping_mass_proportional").assign({f"damping_{key}": ((), value, {"units": units})})
+    found = cp.periodic.frequency_response(scene, modes, frequency=(0.6 * omega, 1.5 * omega), follow=(), outputs=())
+    peak = 4.0 / np.pi * force / (2.0 * ratio * omega**2 * 8000.0 * 1.25e-4)
+    # 1 %: a step of a quarter of the motion is an eighth of the width; links and shape take 0.1 %
+    assert float(found.deflection_maximum.max()) == pytest.approx(peak, rel=0.01)
