@@ -15,8 +15,9 @@ from cablepod.condensed._air_places import AirPlaces, filled_up, projection_matr
 from cablepod.condensed._attached import BodyLoads
 from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._newton import solve_each
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.wind._air import CableAir, density_of, refined
+from cablepod.wind._air import CableAir, density_of, linear_between, refined
 from cablepod.wind._drag import (
     TENSION_MARGIN,
     body_drag,
@@ -146,10 +147,8 @@ class CondensedAir:
         scale = p.shortest_time_scale / SAMPLES_PER_CHANGE
         parts = max(1, math.ceil(1.0 / (rate * scale)))
         count = math.ceil(self.end_time * rate * parts) + 2
-        place = np.minimum(np.arange(count) / parts, len(velocity) - 1.0)
-        left = np.minimum(place.astype(int), len(velocity) - 2)
-        share = (place - left)[:, None, None]
-        velocity, rate = (1.0 - share) * velocity[left] + share * velocity[left + 1], rate * parts
+        samples = np.arange(len(velocity))
+        velocity, rate = linear_between(samples, velocity, np.arange(count) / parts, axis=0), rate * parts
         time = np.arange(count) / rate
         ends, rates = p.end_positions(time), p.end_positions(time, 1)
         velocity = velocity - (rates[:, :1] + sigma[:, None] * (rates[:, 1:] - rates[:, :1]))
@@ -168,10 +167,8 @@ class CondensedAir:
         Along the chord and each normal, at instants [s].
         """
         velocity, rate = self._sampled
-        place = np.clip(times * rate, 0.0, len(velocity) - 1.0)
-        left = np.minimum(place.astype(int), len(velocity) - 2)
-        share = (place - left)[:, None, None]
-        return ((1.0 - share) * velocity[left] + share * velocity[left + 1])[..., : self.rule[0].size]
+        samples = np.arange(len(velocity))
+        return linear_between(samples, velocity, times * rate, axis=0)[..., : self.rule[0].size]
 
     @cached_property
     def in_mean_wind(self) -> CondensedAir:
@@ -271,26 +268,22 @@ class CondensedAir:
             Where no equilibrium is found.
         """
         model = self.model
-        q = model.initial()[0]
-        static, still = model.static_boundary_data, np.zeros_like(q)
+        q = model.initial()[0][None]
+        static, still = model.static_boundary_data, np.zeros_like(q[0])
         for increment in range(1, INCREMENTS + 1):  # the deflection may change by more than itself, also in sign
-            share, converged = increment / INCREMENTS, False
-            rtol = DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL
-            for _ in range(MAX_DRAG_ITERATIONS):
-                force, tangent, _ = model.force(q, still, static)
-                try:
-                    change = np.linalg.solve(tangent, force + share * self.acceleration(q, still))
-                except np.linalg.LinAlgError:
-                    break
-                q = q + change
-                if not np.isfinite(q).all():
-                    break
-                if np.abs(change).max() <= rtol * np.abs(q).max():
-                    converged = True
-                    break
-            if not converged:
+            share, rtol = increment / INCREMENTS, DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL
+
+            def forces(q: np.ndarray, _: np.ndarray, share: float = share) -> tuple[np.ndarray, np.ndarray]:
+                force, tangent, _tension = model.force(q[0], still, static)
+                return (force + share * self.acceleration(q[0], still))[None], tangent[None]
+
+            def is_found(change: np.ndarray, q: np.ndarray, _: np.ndarray, rtol: float = rtol) -> np.ndarray:
+                return np.isfinite(q).all(axis=1) & (np.abs(change).max(axis=1) <= rtol * np.abs(q).max(axis=1))
+
+            q, found = solve_each(q, forces, is_found, MAX_DRAG_ITERATIONS)
+            if not found[0]:
                 refuse_rest_in_wind()
-        return q
+        return q[0]
 
 
 def with_loads_of_air(air: CondensedAir) -> CondensedAir:

@@ -14,6 +14,7 @@ import numpy as np
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._parameters import Attachment, Parameters
+from cablepod.wind._air import linear_between
 
 if TYPE_CHECKING:
     from cablepod.condensed._coefficients import Coefficients
@@ -30,10 +31,8 @@ class BodyLoads:
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """Return the forces at instants [s] (bodies, times) [N]."""
-        place = np.clip(times * self.samples_per_second, 0.0, len(self.force) - 1.0)
-        left = np.minimum(place.astype(int), len(self.force) - 2)
-        share = (place - left)[:, None]
-        return np.asarray(((1.0 - share) * self.force[left] + share * self.force[left + 1]).T)
+        samples = np.arange(len(self.force))
+        return linear_between(samples, self.force, times * self.samples_per_second, axis=0).T
 
 
 def has_load(p: Parameters, attachment: Attachment) -> bool:
