@@ -18,7 +18,7 @@ from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._error_equation import ErrorEquation
 from cablepod.condensed._estimate_forces import EnrichedDrag, forces_by_rates
 from cablepod.condensed._estimate_neglected import Neglected, waves
-from cablepod.condensed._fields import CondensedTrajectory, close_chord, running_sum
+from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, running_sum
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._lifting import line_between
@@ -119,7 +119,7 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
         equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
     squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate) + displaced
     along = waves_of(model, float(state.instants.times[-1]), air if p.initial else None)
-    scale = motion_or_missed(scale, chord_of(model), squares)
+    scale = motion_or_missed(scale, model.chain.chord, squares)
     return min(math.sqrt(squares.max() + along * along) / scale, MAX_ERROR)
 
 
@@ -139,8 +139,8 @@ def _displacement_at_start(model: CondensedModel, air: CondensedAir | None) -> f
     Parts of different stiffness that start with another tension than that of their rest are not balanced along the chord.
     """
     chain, q = model.chain, (model if air is None else air).initial()[0]
-    position, ends = start(chain, None if air is None else air.of_chain), chain.p.initial_ends[None]
-    stretch = close_chord(model, q[None], np.zeros(1), ends)[0]
+    position = start(chain, None if air is None else air.of_chain)
+    stretch = close_chord_of(model, q[None], model.boundary_data_at(np.zeros(1)))[0]
     given = ChordFrame.of((position[-1] - position[0])[None], model.reference).split(position[None])[0]
     squares = (running_sum(stretch * chain.length) - given)[0] ** 2
     return math.sqrt(squares @ chain.tributary_length / chain.total_length)
@@ -191,7 +191,7 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
         return _motion_of_particles(model, q, ends)
     means = [array[None] for array in _means_of_shapes(model)]
     square = largest_motions(q[None], None if ends is None else ends[None], model.root_total_mass**2, *means)
-    largest, chord = math.sqrt(square[0]), chord_of(model)
+    largest, chord = math.sqrt(square[0]), model.chain.chord
     return largest if largest > 1e-9 * chord else chord
 
 
@@ -205,7 +205,7 @@ def _motion_of_particles(model: CondensedModel, q: np.ndarray, ends: np.ndarray 
     for which, normal in zip(model.sets, normals, strict=True):
         moved += ((q - q[:1])[:, which] @ model.shapes[which])[:, :, None] * normal
     squares = (moved * moved).sum(axis=2) @ chain.tributary_length / chain.total_length
-    largest, chord = math.sqrt(squares.max()), chord_of(model)
+    largest, chord = math.sqrt(squares.max()), model.chain.chord
     return largest if largest > 1e-9 * chord else chord
 
 
@@ -241,11 +241,6 @@ def largest_motions(
         across = lower @ (normal * of_lower[:, None]) + upper @ (normal * of_upper[:, None])
         square += 2.0 * (change * across).sum(axis=2)
     return np.maximum(square.max(axis=1), 0.0)
-
-
-def chord_of(model: CondensedModel) -> float:
-    """Return the distance of the ends [m]."""
-    return math.dist(model.chain.p.lower, model.chain.p.upper)
 
 
 def motion_or_missed(motion: float, chord: float, squares: np.ndarray) -> float:

@@ -94,16 +94,11 @@ def boundary_data_of(model: CondensedModel, state: CondensedTrajectory, ends: np
     return state.boundary_data[instants.left]
 
 
-def close_chord(model: CondensedModel, q: np.ndarray, times: np.ndarray, ends: np.ndarray) -> ClosedChord:
+def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarray) -> ClosedChord:
     """Return chordwise stretch, force, squared slopes and deflections.
 
-    `q` are coordinates (times, r), and `ends` positions of the ends (times, end, dims) [m].
+    `q` are coordinates (times, r), and `boundary_data` those of the instants (times, columns).
     """
-    return close_chord_of(model, q, model.boundary_data_at(times, ends))
-
-
-def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarray) -> ClosedChord:
-    """Return the same as :func:`close_chord` for boundary data of instants (times, columns)."""
     chain = model.chain
     deflection, squared = deflections(model.shapes, model.sets, chain.length, q)
     stretch, force = close(model, squared, q[0], boundary_data)
@@ -277,7 +272,7 @@ def close_outputs(
 def positions(model: CondensedModel, q: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return positions of the particles (times, particle, dims) [m] for coordinates (times, r)."""
     ends = model.chain.p.end_positions(times)
-    stretch, _, _, deflection = close_chord(model, q, times, ends)
+    stretch, _, _, deflection = close_chord_of(model, q, model.boundary_data_at(times, ends))
     return positions_of(model, stretch, deflection, ends)
 
 
@@ -361,7 +356,7 @@ def link_tensions(model: CondensedModel, stretch: np.ndarray, force: np.ndarray,
 def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, links: np.ndarray | None) -> np.ndarray:
     """Return tensions of all or selected links (times, links) [N]; to leading order only those are computed."""
     if links is None or model.order != "leading":
-        stretch, force, squared, _ = close_chord(model, q, times, model.chain.p.end_positions(times))
+        stretch, force, squared, _ = close_chord_of(model, q, model.boundary_data_at(times))
         tension = link_tensions(model, stretch, force, squared)
         return tension if links is None else tension[:, links]
     from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
