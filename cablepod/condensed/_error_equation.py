@@ -112,43 +112,6 @@ def errors_at_rest(terms: ErrorTerms, q: np.ndarray, rows: np.ndarray) -> np.nda
     return errors
 
 
-def grown_errors(
-    terms: ErrorTerms, drive: Drive, interval: float, errors: np.ndarray, error_rates: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate the error equations of members.
-
-    Parameters
-    ----------
-    terms, drive
-        Coefficients, and what drives the errors.
-    interval
-        Interval of the samples [s].
-    errors, error_rates
-        Errors at the start, and their rates (members, R).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Sums of the squares of the error's coordinates (members, samples) [kg m^2]; the error where that is largest, and the
-        number of that sample (members, R + 1).
-    """
-    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
-
-    members, samples, size = drive.y.shape
-    count = 0 if terms.springs is None else terms.springs.shape[1]
-    squares, largest, vectors = (
-        np.empty((members, samples)),
-        np.zeros((members, size + 1)),
-        np.zeros((members, 8 + count, size + 2)),
-    )
-    vectors[:, 0, :size], vectors[:, 1, :size] = errors, error_rates
-    kernel.error_growth(
-        terms.sizes, terms.enriched, terms.damping, terms.springs, interval, *drive, vectors,
-        squares, largest,
-    )  # fmt: skip
-    return squares, largest
-
-
 @dataclass(frozen=True)
 class LinkSlopes:
     """Slopes of the enriched shapes on the links of members."""
@@ -195,8 +158,10 @@ def mean_squares(
         Masses of the cables, a number or (members, 1) [kg]: bounds of sums of squares over means over the length.
     motion, rows
         Coordinates of the motions, rates and accelerations (members, samples, r), and their boundary data.
-    interval, errors, error_rates
-        As in :func:`grown_errors`.
+    interval
+        Interval of the samples [s].
+    errors, error_rates
+        Errors at the start, and their rates (members, R).
 
     Returns
     -------
@@ -204,14 +169,22 @@ def mean_squares(
         Mean squares of the errors over the length (members, samples) [m^2]: those of the deflection, with the part of the
         chordwise displacement that they have where they are largest; infinite where an error leaves the finite numbers.
     """
-    squares, largest = np.empty(rows.shape[:2]), np.empty((len(rows), errors.shape[1] + 1))
-    for some, own in _parts_of_members(terms, rows.shape[1]):
+    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+    (members, samples, _), size, springs = rows.shape, errors.shape[1], terms.springs
+    squares, largest = np.empty((members, samples)), np.zeros((members, size + 1))
+    vectors = np.zeros((members, 8 + (0 if springs is None else springs.shape[1]), size + 2))
+    vectors[:, 0, :size], vectors[:, 1, :size] = errors, error_rates
+    for some, own in _parts_of_members(terms, samples):
         drive = drive_of(own, [array[some] for array in motion], rows[some])
-        squares[some], largest[some] = grown_errors(own, drive, interval, errors[some], error_rates[some])
+        kernel.error_growth(
+            own.sizes, own.enriched, own.damping, own.springs, interval, *drive, vectors[some], squares[some],
+            largest[some],
+        )  # fmt: skip
     squares /= mass
     squares[np.isnan(squares)] = math.inf
-    error, samples = largest[:, :-1], largest[:, -1].astype(int)
-    at_largest = (terms.change @ motion[0][np.arange(len(rows)), samples][:, :, None])[:, :, 0]
+    error, furthest = largest[:, :-1], largest[:, -1].astype(int)
+    at_largest = (terms.change @ motion[0][np.arange(members), furthest][:, :, None])[:, :, 0]
     return squares * (1.0 + shapes.chordwise_shares(error, at_largest, terms.enriched_in_plane)[:, None])
 
 
