@@ -23,7 +23,7 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
-from cablepod.condensed._runs import SCHEMES, STABLE_PHASE, CondensedRequest, solve
+from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import normals_at_start
 from cablepod.discretisation._mass_damping import decay_and_impulse
 from cablepod.discretisation._step_limit import largest_frequencies_squared, verlet_step_limit
@@ -369,7 +369,7 @@ class CondensedBatch(MemberCoefficients):
         q, v, limit, _ = self.starts(1.0 / instants.steps_per_second)
         result: Variables = {}
         targets = self.targets(rows, result, instants.times.size)
-        lanes, everyone = Lanes(self, self.ends, SCHEMES[0], STABLE_PHASE[SCHEMES[0]]), np.arange(len(q))
+        lanes, everyone = Lanes(self, SCHEMES[0]), np.arange(len(q))
         wants_extremes = "tension_extremes" in self.plan.outputs
         loads = "tension" in self.plan.outputs
         done = lanes.advance(everyone, instants, q, v, extremes=wants_extremes, rates=False, loads=loads)

@@ -31,7 +31,6 @@ from cablepod.condensed._output import shared_attributes
 from cablepod.condensed._runs import (
     FIT_INTERVALS,
     FOURTH_ORDER_AT_FIRST,
-    STABLE_PHASE,
     CondensedRequest,
     fourth_order_step,
     suits_fourth_order,
@@ -111,7 +110,7 @@ class FittedBatch(MemberCoefficients):
         targets = self.targets(rows, result, self.plan.times.size)
         count = limit.size
         attributes: dict[str, list[Any]] = {}
-        completed, lanes = np.zeros(count, dtype=bool), Lanes(self, self.ends, FOURTH_ORDER, STABLE_PHASE[FOURTH_ORDER])
+        completed, lanes = np.zeros(count, dtype=bool), Lanes(self, FOURTH_ORDER)
         keys = np.stack([choice.steps_per_second, choice.sample_intervals], axis=1)
         for rate, interval in np.unique(keys[self.active & (choice.steps_per_second > 0.0)], axis=0).tolist():
             group = np.flatnonzero(self.active & (keys == (rate, interval)).all(axis=1))

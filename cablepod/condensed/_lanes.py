@@ -21,6 +21,7 @@ from cablepod.condensed._kernels_layout import (
     Record,
     constant_sizes,
 )
+from cablepod.condensed._runs import STABLE_PHASE
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER, damped_step
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._output_times import OutputTimes
@@ -112,16 +113,12 @@ class Lanes:
     ----------
     batch
         Parameters and coefficients.
-    ends
-        Ends of the members.
     scheme
         An explicit scheme.
-    stable_phase
-        Longest stable step times the highest angular frequency.
     """
 
-    def __init__(self, batch: MemberCoefficients, ends: MemberEnds, scheme: str, stable_phase: float) -> None:
-        self.batch, self.ends, self.scheme, self.stable_phase = batch, ends, scheme, stable_phase
+    def __init__(self, batch: MemberCoefficients, scheme: str) -> None:
+        self.batch, self.scheme = batch, scheme
         p, unit = batch.parameters, batch.plan.unit
         self.bound = DIVERGENCE_FACTOR * np.sqrt(p.mass * batch.total * unit.chain.tributary_length.sum()) * batch.total
         patterns = len(unit.load_patterns)
@@ -167,7 +164,7 @@ class Lanes:
             group.run()
             for result, values in zip(results, group.results(), strict=True):
                 result[lanes] = values
-            final[lanes] = group.of_lanes(group.state.q, r)
+            final[lanes] = group.state.q.reshape(r, LANES).T
         coordinates, half_step_rates, boundary_data, low, high, monitor = (result[:count] for result in results)
         completed = (np.abs(final[:count]) < self.bound[part, None]).all(axis=1) & np.isinf(monitor[:, UNSTABLE_STEP])
         least_force, least_force_step = monitor[:, MIN_FORCE], monitor[:, MIN_FORCE_STEP]
@@ -210,14 +207,14 @@ class _Group:
         )  #: of the window; None: no extremes
         self.damped = damped_step(np.tile(p.damping[members], self.r), 1.0 / instants.steps_per_second, lanes.scheme)
         self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
-        limit = (lanes.stable_phase * instants.steps_per_second) ** 2
+        limit = (STABLE_PHASE[lanes.scheme] * instants.steps_per_second) ** 2
         self.monitor = np.zeros((MONITOR_ROWS, LANES))
         self.monitor[[MIN_FORCE, UNSTABLE_STEP]], self.monitor[OMEGA_SQUARED_LIMIT] = np.inf, limit
         saved, columns = instants.steps.size, 1 + len(lanes.sizes.patterns) + len(lanes.sizes.normal_loads)
         self.coordinates = np.empty((saved, self.r, LANES))
         self.rates = np.empty((saved if rates else 0, 2, self.r, LANES))
         self.boundary_data = np.empty((saved if loads else 0, columns, LANES))
-        ends = lanes.ends.take(members)
+        ends = batch.ends.take(members)
         motions, moved = ends.for_rotations(p.damping[members]), ends.rows
         count, dims = len(moved), p.dims
         work = np.empty((count, 5, LANES)), np.empty((count, 2, 4, LANES)), np.empty((9, LANES))
@@ -282,11 +279,6 @@ class _Group:
         links = self.links.low.reshape(-1, LANES), self.links.high.reshape(-1, LANES)
         arrays = self.coordinates, self.rates, self.boundary_data, *links, self.monitor
         return tuple(np.moveaxis(array, -1, 0) for array in arrays)
-
-    @staticmethod
-    def of_lanes(values: np.ndarray, rows: int) -> np.ndarray:
-        """Return an array (rows, lanes), flat, as (lanes, rows)."""
-        return values.reshape(rows, LANES).T
 
 
 def _flat(array: np.ndarray) -> np.ndarray:
