@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import check_times
 from cablepod.condensed import _kernels_layout as layout
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
@@ -22,13 +21,9 @@ from cablepod.condensed._fields import (
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, HostCoefficients
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import padded
-from cablepod.condensed._runs import SCHEMES, CondensedRun, initial_state
+from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.discretisation._step_limit import verlet_step_limit
-from cablepod.integrate._particle_air import OF_DRAG
-from cablepod.integrate._request import check_resolved, check_step
 from cablepod.reduced._validity import CHECKS, check_forcing, forcing_attributes
-from cablepod.wind._air import air_of
 
 OUTPUTS = ("position", "tension", "end_force")
 
@@ -58,23 +53,11 @@ def run(
 
     `wind` is a field in place of that of the scene, or None; `links` are indices, from 0, or None for all links.
     """
-    p = model.chain.p
-    times = p.times() if times is None else check_times(times)
-    p.check_reach(float(times[-1]))
-    cable_air = air_of(p, float(times[-1]), wind)
-    air = None if cable_air is None else CondensedAir(model, cable_air, float(times[-1]))
-    start = initial_state(model, air)
-    omega_squared = model.omega_max_squared(start.q, model.initial_boundary_data, start.chord_tension)
-    if step * step * omega_squared >= 4.0:
-        omega = math.sqrt(omega_squared)
-        check_step(
-            step, verlet_step_limit(omega), f"2 over the highest angular frequency of this run, {omega:.6g} rad/s"
-        )
-    if air is not None:
-        check_step(step, air.step_limit, OF_DRAG)
-    state = CondensedRun(model, start, SCHEMES[0], air=air, times=times, outputs=())(1.0 / step)
+    request = CondensedRequest.of(times=times, scheme=SCHEMES[0], step=step, outputs=(), wind=wind)
+    solution = solve(model, request)
+    state, times = solution.state, solution.run.times
     _warn(model, state, step)
-    q, ends = state.q, p.end_positions(times)
+    q, ends = state.q, model.chain.p.end_positions(times)
     amplitudes = [
         padded(q[:, which] @ turn.T, model.rank)
         for turn, which in zip(model.spectral_basis[0], model.sets, strict=True)
@@ -83,8 +66,8 @@ def run(
     boundary_data = boundary_data_of(model, state, ends)
     if "end_force" in outputs:
         force = _end_forces(coefficients, q, boundary_data, ends)
-        if air is not None:
-            force += _end_forces_by_drag(coefficients, air, state, ends)
+        if solution.run.air is not None:
+            force += _end_forces_by_drag(coefficients, solution.run.air, state, ends)
     if "position" in outputs:
         closed = close_chord_of(model, q, boundary_data)
         position = positions_of(model, closed[0], closed[3], ends)
@@ -95,7 +78,7 @@ def run(
 
 
 def _warn(model: CondensedModel, state: CondensedTrajectory, step: float) -> None:
-    """Warn of a cable that goes slack, of motions that the step does not resolve, and of waves along the cable."""
+    """Warn of a cable that goes slack, and of waves along the cable."""
     p, smallest = model.chain.p, float(state.monitor[MIN_FORCE])
     if smallest < 0.0:
         CHECKS["smallest_chordwise_force"][-1](
@@ -106,7 +89,6 @@ def _warn(model: CondensedModel, state: CondensedTrajectory, step: float) -> Non
             }
         )
     if p.shortest_time_scale < math.inf:
-        check_resolved(step, p.shortest_time_scale)
         check_forcing(forcing_attributes(p, model.chain.total_length), "the condensed model lacks")
 
 
