@@ -12,6 +12,7 @@ import numpy as np
 from cablepod.condensed._attached import roots_of_springs
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms, runtime_sizes, terms_of_lane
+from cablepod.condensed._rest_tangent import with_vector
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
 
@@ -57,11 +58,7 @@ def enriched_modes(
         left /= np.linalg.norm(left, axis=1)[:, None]
         basis = np.linalg.qr((psi[:, 1:-1] * root).T)[0].T
         for triangle in triangles[:, 1:-1] * root if len(triangles) else ():
-            row = triangle / np.linalg.norm(triangle)
-            for _ in range(2):
-                row = row - (basis @ row) @ basis
-            if np.linalg.norm(row) > INDEPENDENT and len(basis) < inner:
-                basis = np.concatenate([basis, row[None] / np.linalg.norm(row)])
+            basis = with_vector(basis, triangle, inner, INDEPENDENT)
         for _ in range(min(EXTRA_MODES, inner - len(basis))):
             for _ in range(2):  # the second time takes off what rounding left
                 left -= left @ basis.T @ basis

@@ -115,6 +115,18 @@ def _shapes(chain: LumpedChain, vectors: np.ndarray) -> np.ndarray:
     return fix_sign(np.pad(shapes, ((0, 0), (1, 1)))[:, :, None])[:, :, 0]
 
 
+def with_vector(basis: np.ndarray, vector: np.ndarray, most: int, least: float = INDEPENDENT) -> np.ndarray:
+    """Return orthonormal rows and what a vector has beside them, of unit norm; at most `most` rows.
+
+    Without the vector where that is less than `least` of its norm.
+    """
+    vector = vector / np.linalg.norm(vector)
+    for _ in range(2):  # once more against rounding
+        vector = vector - (basis @ vector) @ basis
+    norm = np.linalg.norm(vector)
+    return np.concatenate([basis, vector[None] / norm]) if norm > least and len(basis) < most else basis
+
+
 def with_static_shapes(
     chain: LumpedChain, tangent: RestTangent, shapes: np.ndarray, rank: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -126,12 +138,7 @@ def with_static_shapes(
     candidates = [tangent.deflection[1:-1], derivative, *shapes[:, 1:-1]]
     basis = np.empty((0, chain.links - 1))
     for candidate in candidates:
-        vector = candidate * mass_root / np.linalg.norm(candidate * mass_root)
-        for _ in range(2):  # once more against rounding
-            vector = vector - (basis @ vector) @ basis
-        norm = np.linalg.norm(vector)
-        if norm > INDEPENDENT and len(basis) < rank:
-            basis = np.concatenate([basis, vector[None] / norm])
+        basis = with_vector(basis, candidate * mass_root, rank)
     return np.linalg.norm((basis / mass_root) @ root.T, axis=1), _shapes(chain, basis)
 
 
@@ -152,12 +159,7 @@ def kinks_beside(chain: LumpedChain, tangent: RestTangent, shapes: np.ndarray) -
     upper = np.linalg.qr(root, mode="r")
     for row in tangent.kinks:
         vector = solve_triangular(upper, solve_triangular(upper, row / mass_root, trans=1))
-        vector /= np.linalg.norm(vector)
-        for _ in range(2):  # once more against rounding
-            vector = vector - (basis @ vector) @ basis
-        norm = np.linalg.norm(vector)
-        if norm > INDEPENDENT and len(basis) < chain.links - 1:
-            basis = np.concatenate([basis, vector[None] / norm])
+        basis = with_vector(basis, vector, chain.links - 1)
     kinks = basis[count:]
     return _shapes(chain, kinks) if len(kinks) else np.empty((0, chain.links + 1)), np.linalg.norm(
         root @ kinks.T, axis=0
