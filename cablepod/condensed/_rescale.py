@@ -195,6 +195,16 @@ def _turned_shapes(
     return named, bases, np.concatenate(kappa, axis=1)
 
 
+def _of_loads(name: str) -> cached_property[np.ndarray]:
+    """Return a property of a scene: that of its unit cable times the factors of its loads."""
+    return cached_property(lambda model: _scale(model._load_scaling, getattr(model.unit, name))[0])
+
+
+def _of_shapes(name: str) -> cached_property[np.ndarray]:
+    """Return a property of a scene: the coefficient of its rescaled shapes."""
+    return cached_property(lambda model: model._rescaled_shapes.named[name][0])
+
+
 @dataclass(frozen=True, eq=False)
 class RescaledModel(CondensedModel):
     """Model of a uniform cable whose coefficients follow from those of its unit cable."""
@@ -212,28 +222,13 @@ class RescaledModel(CondensedModel):
     def _load_scaling(self) -> np.ndarray:
         return load_scaling(self.unit, np.array([self.chain.total_length]))
 
-    @cached_property
-    def load_patterns(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return _scale(self._load_scaling, self.unit.load_patterns)[0]
+    load_patterns = _of_loads("load_patterns")
+    chordwise_force_patterns = _of_loads("chordwise_force_patterns")
+    mean_chordwise_forces = _of_loads("mean_chordwise_forces")
+    chordwise_forces_at_candidates = _of_loads("chordwise_forces_at_candidates")
 
     @cached_property
-    def chordwise_force_patterns(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return _scale(self._load_scaling, self.unit.chordwise_force_patterns)[0]
-
-    @cached_property
-    def mean_chordwise_forces(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return _scale(self._load_scaling, self.unit.mean_chordwise_forces)[0]
-
-    @cached_property
-    def chordwise_forces_at_candidates(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return _scale(self._load_scaling, self.unit.chordwise_forces_at_candidates)[0]
-
-    @cached_property
-    def _of_shapes(self) -> RescaledCoefficients:
+    def _rescaled_shapes(self) -> RescaledCoefficients:
         """Coefficients of the shapes, of one scene."""
         chain, states = self.chain, None
         total = np.array([chain.total_length])
@@ -242,35 +237,16 @@ class RescaledModel(CondensedModel):
             states = MemberStates(uniform, sag, ((self.rest_shear**2 @ chain.length) / total)[None])
         return rescale_shapes(self.unit, np.array([chain.p.mass]), total, self._load_scaling, states)
 
-    @cached_property
-    def shapes(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return self._of_shapes.named["shapes"][0]
-
-    @cached_property
-    def slopes(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return self._of_shapes.named["slopes"][0]
-
-    @cached_property
-    def geometric_stiffness(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return self._of_shapes.named["geometric_stiffness"][0]
-
-    @cached_property
-    def geometric_stiffness_norms(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return self._of_shapes.named["geometric_stiffness_norms"][0]
-
-    @cached_property
-    def load_projection(self) -> np.ndarray:
-        """As in :class:`CondensedModel`."""
-        return self._of_shapes.named["load_projection"][0]
+    shapes = _of_shapes("shapes")
+    slopes = _of_shapes("slopes")
+    geometric_stiffness = _of_shapes("geometric_stiffness")
+    geometric_stiffness_norms = _of_shapes("geometric_stiffness_norms")
+    load_projection = _of_shapes("load_projection")
 
     @cached_property
     def spectral_basis(self) -> tuple[list[np.ndarray], np.ndarray]:
         """As in :class:`CondensedModel`."""
-        scaled = self._of_shapes
+        scaled = self._rescaled_shapes
         return [np.asfortranarray(basis[0]) for basis in scaled.bases], scaled.slope_norms_squared[0]
 
 
