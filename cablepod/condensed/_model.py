@@ -300,16 +300,9 @@ class CondensedModel(Coefficients):
     @cached_property
     def initial_boundary_data(self) -> np.ndarray:
         """Boundary data at the start."""
-        p = self.chain.p
-        if not p.motions and self.body_loads is None:
+        if not self.chain.p.motions and self.body_loads is None:
             return self.static_boundary_data
-        ends, (rates, accelerations) = p.initial_ends.reshape(-1, 1), p.initial_end_rates.reshape(2, -1, 1)
-        if not p.motions:
-            accelerations = np.zeros((2 * p.dims, 0))
-            return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0)[0]
-        if p.mass_damping:
-            accelerations = accelerations + p.mass_damping * rates
-        return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0, rates)[0]
+        return self.boundary_data_at(np.zeros(1), self.chain.p.initial_ends[None])[0]
 
     @cached_property
     def static_boundary_data(self) -> np.ndarray:
