@@ -141,9 +141,8 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
         return None
     if request.window is not None:
         steps_within(request.window, instants.steps_per_second)  # refuses one of less than two steps
-    shared = shared_attributes(unit, instants, SCHEMES[0], modes) | window_attributes(request.window)
     end_time = members[0].duration or 0.0
-    return CondensedBatchPlan(modes, unit, members, outputs, request.links, end_time, request.window, instants, shared)
+    return CondensedBatchPlan(modes, unit, members, outputs, request.links, end_time, request.window, instants)
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,6 @@ class CondensedBatchPlan(MembersPlan):
     """Common data of all members with a given step; a call runs some of them."""
 
     instants: OutputTimes
-    shared: dict[str, Any]  #: attributes of all members
 
     def __call__(self, first: int, last: int, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members `first` ... `last - 1`; return a mask of those completed, variables and attributes."""
@@ -277,6 +275,15 @@ class MemberCoefficients:
             self.plan.modes, parameters, self.total, end_time, self.rest_tension
         )
 
+    def attributes_of_run(self, done: LaneResults, scheme: str) -> dict[str, list[Any]]:
+        """Return the attributes of members with equal steps that depend on their run, a list for each name."""
+        plan, instants = self.plan, done.instants
+        shared = shared_attributes(plan.unit, instants, scheme, plan.modes) | window_attributes(plan.window)
+        return {name: [value] * done.least_force.size for name, value in shared.items()} | {
+            "smallest_chordwise_force": done.least_force.tolist(),
+            "time_of_smallest_force": (done.least_force_step / instants.steps_per_second).tolist(),
+        }
+
     def targets(self, rows: Rows, result: Variables, times: int) -> dict[str, np.ndarray]:
         """Add the variables with many numbers at `times` instants to the result, and return their arrays."""
         unit, outputs = self.plan.unit, self.plan.outputs
@@ -308,35 +315,31 @@ class MemberCoefficients:
         for name, values in (("tension_minimum", done.low), ("tension_maximum", done.high)):
             if name in targets:
                 targets[name][part] = values
-        has_frames, wanted = np.ones(part.size, dtype=bool), {"position", "tension"} & set(targets)
-        if not wanted:
-            return has_frames
-        from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
+        unit, has_frames = self.plan.unit, np.ones(part.size, dtype=bool)
+        if "tension" in targets:
+            from cablepod.condensed import _kernels_recorder as kernel  # numba is imported only to compute
 
-        unit = self.plan.unit
-        if "tension" in wanted and len(done.boundary_data[0]) and not done.instants.needs_interpolation:
             chosen = slice(None) if self.plan.links is None else self.plan.links
             tables = (self.scaled.named[name][part][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
             slopes, patterns = map(np.ascontiguousarray, tables)
-            rows = done.instants.left[np.isin(done.instants.times, times)]
-            boundary_data = done.boundary_data.take(rows, axis=1)
+            if done.instants.needs_interpolation:
+                boundary_data = self.rows_at(part, times, moving=True)
+            else:
+                rows = done.instants.left[np.isin(done.instants.times, times)]
+                boundary_data = done.boundary_data.take(rows, axis=1)
             kernel.link_tensions(
                 LeadingTerms(*(array[part] for array in self.terms)), boundary_data, q, slopes, unit.n_in_plane, patterns,
                 np.empty(1), part, targets["tension"],
             )  # fmt: skip
-            wanted.remove("tension")
-        if not wanted:
-            return has_frames
-        count = max(1, VALUES_AT_A_TIME // (times.size * unit.chain.links))
-        for first in range(0, part.size, count):
-            some = slice(first, first + count)
-            has_frames[some] = self._fill_fields(part[some], q[some], times, wanted, targets)
+        if "position" in targets:
+            count = max(1, VALUES_AT_A_TIME // (times.size * unit.chain.links))
+            for first in range(0, part.size, count):
+                some = slice(first, first + count)
+                has_frames[some] = self._fill_positions(part[some], q[some], times, targets["position"])
         return has_frames
 
-    def _fill_fields(
-        self, part: np.ndarray, q: np.ndarray, times: np.ndarray, wanted: set[str], targets: dict[str, np.ndarray]
-    ) -> np.ndarray:
-        """Fill positions and tensions of members as far as they are wanted; return whether there are always chord frames."""
+    def _fill_positions(self, part: np.ndarray, q: np.ndarray, times: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Fill the positions of members; return whether there are always chord frames."""
         unit, named, has_frames = self.plan.unit, self.scaled.named, np.ones(part.size, dtype=bool)
         length, patterns = self.total[part, None] * unit.chain.length, named["chordwise_force_patterns"][part]
         deflection, squared = deflections(named["shapes"][part], unit.sets, length, q)
@@ -344,17 +347,13 @@ class MemberCoefficients:
         tau = rows[:, :, 1 : 1 + patterns.shape[1]] @ patterns
         factors = self.states.uniform[part, None] + self.states.sag[part, None] * rest_profile(self)
         stiffness = self.parameters.stiffness[part, None]
-        chord_tension, stretch = close_leading(squared * factors[:, None], tau, length, rows[:, :, 0], stiffness)
-        if "tension" in wanted:
-            links = slice(None) if self.plan.links is None else self.plan.links
-            targets["tension"][part] = ((chord_tension[:, :, None] + tau) * np.sqrt(1.0 + squared))[:, :, links]
-        if "position" in wanted:
-            along, ends = running_sum(stretch * length[:, None]), self.ends.take(part).positions(times)
-            for k, m in enumerate(part.tolist()):
-                try:
-                    targets["position"][m] = joined(ends[k], self.reference[m], along[k], deflection[:, k])
-                except SceneError:
-                    has_frames[k] = False
+        _, stretch = close_leading(squared * factors[:, None], tau, length, rows[:, :, 0], stiffness)
+        along, ends = running_sum(stretch * length[:, None]), self.ends.take(part).positions(times)
+        for k, m in enumerate(part.tolist()):
+            try:
+                target[m] = joined(ends[k], self.reference[m], along[k], deflection[:, k])
+            except SceneError:
+                has_frames[k] = False
         return has_frames
 
 
@@ -376,17 +375,5 @@ class CondensedBatch(MemberCoefficients):
         has_frames = self.fill(everyone, np.ascontiguousarray(done.q), instants.times, done, targets)
         self.active &= (1.0 / instants.steps_per_second < limit) & done.completed & has_frames
         result["unstretched_length"] = (), self.total
-        return self.active, result | self.places(result), self._attributes(done, limit)
-
-    def _attributes(self, done: LaneResults, limit: np.ndarray) -> dict[str, list[Any]]:
-        """Return the attributes of the members, a list for each name."""
-        instants = self.plan.instants
-        varied = {
-            "smallest_chordwise_force": done.least_force,
-            "time_of_smallest_force": done.least_force_step / instants.steps_per_second,
-        }
-        return (
-            {name: [value] * limit.size for name, value in self.plan.shared.items()}
-            | {name: values.tolist() for name, values in varied.items()}
-            | self.diagnostics(limit, float(instants.times[-1]))
-        )
+        attributes = self.attributes_of_run(done, SCHEMES[0]) | self.diagnostics(limit, float(instants.times[-1]))
+        return self.active, result | self.places(result), attributes

@@ -27,7 +27,6 @@ from cablepod.condensed._estimate import (
 from cablepod.condensed._estimate_neglected import INTEGRATED_RATIO, chord_direction, waves_of_start
 from cablepod.condensed._lanes import LANES, LaneResults, Lanes
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._output import shared_attributes
 from cablepod.condensed._runs import (
     FIT_INTERVALS,
     FOURTH_ORDER_AT_FIRST,
@@ -43,7 +42,6 @@ from cablepod.discretisation._lifting import line_between
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._refinement import MAX_WORK, economical_error
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
-from cablepod.integrate._window import window_attributes
 from cablepod.parameters._from_scene import Members
 from cablepod.reduced._validity import forcing_attributes
 
@@ -121,7 +119,7 @@ class FittedBatch(MemberCoefficients):
             for begin in range(0, group.size, most):
                 part = group[begin : begin + most]
                 done = self._run_group(lanes, part, OutputTimes.of(compared, rate), fine, int(interval), targets)
-                self._set_attributes(attributes, part, done, fine)
+                self._set_attributes(attributes, part, done)
                 completed[part] = done.completed
         result["unstretched_length"] = (), self.total
         end_time = float(self.plan.times[-1])
@@ -194,21 +192,11 @@ class FittedBatch(MemberCoefficients):
         completed &= self.fill(part, np.ascontiguousarray(q), self.plan.times, second, targets)
         return _Done(completed, time_error, error + time_error, second)
 
-    def _set_attributes(
-        self, attributes: dict[str, list[Any]], part: np.ndarray, done: _Done, instants: OutputTimes
-    ) -> None:
+    def _set_attributes(self, attributes: dict[str, list[Any]], part: np.ndarray, done: _Done) -> None:
         """Set the attributes of members with equal steps."""
-        shared = shared_attributes(self.plan.unit, instants, FOURTH_ORDER, self.plan.modes)
-        shared |= window_attributes(self.plan.window)
-        own = {
-            "smallest_chordwise_force": done.lanes.least_force,
-            "time_of_smallest_force": done.lanes.least_force_step / instants.steps_per_second,
-            "time_error_estimate": done.time_error,
-        }
+        columns = self.attributes_of_run(done.lanes, FOURTH_ORDER) | {"time_error_estimate": done.time_error.tolist()}
         if "error_estimate" in self.plan.outputs:
-            own["error_estimate"] = done.error
-        columns = {name: [value] * part.size for name, value in shared.items()}
-        columns |= {name: values.tolist() for name, values in own.items()}
+            columns["error_estimate"] = done.error.tolist()
         for name, column in columns.items():
             target = attributes.setdefault(name, [None] * self.total.size)
             for m, value in zip(part.tolist(), column, strict=True):
@@ -251,9 +239,7 @@ class MemberRuns:
     @cached_property
     def normals(self) -> np.ndarray:
         """Normals of the chord at the start (members, normals, dims)."""
-        ends = self.ends.positions(np.zeros(1))[:, 0]
-        reach = ends[:, 1] - ends[:, 0]
-        along = reach / np.sqrt((reach * reach).sum(axis=1, keepdims=True))
+        along = chord_direction(self.batch.parameters.initial_ends[self.part])
         if along.shape[1] == 2:
             return np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None]
         first = self.batch.reference[self.part]
@@ -314,10 +300,11 @@ def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
 
 def _waves(runs: MemberRuns) -> np.ndarray:
     """Return the rms displacements of waves along the cables that their starts excite (members,) [m]."""
-    rates = np.stack([runs.ends.positions(np.zeros(1), derivative)[:, 0] for derivative in (1, 2)], axis=1)
+    p = runs.batch.parameters
+    rates = np.moveaxis(p.initial_end_rates, 0, 1)[runs.part]
     if not rates.any():
         return np.zeros(runs.part.size)
-    p, along = runs.batch.parameters, chord_direction(runs.ends.positions(np.zeros(1))[:, 0])
+    along = chord_direction(p.initial_ends[runs.part])
     omega = math.pi / runs.total * np.sqrt(p.stiffness[runs.part] / runs.mass)
     return waves_of_start(rates, along, omega, p.damping[runs.part])
 
@@ -326,7 +313,7 @@ def _initial_error_rates(
     runs: MemberRuns, projection: np.ndarray, change: np.ndarray, enriched_in_plane: int
 ) -> np.ndarray:
     """Return the rates of the errors at the start (members, R): the particles are at rest, the chord frame moves."""
-    rates, result = runs.ends.positions(np.zeros(1), 1)[:, 0], np.zeros(change.shape[:2])
+    rates, result = runs.batch.parameters.initial_end_rates[0][runs.part], np.zeros(change.shape[:2])
     if not rates.any():
         return result
     unit, q_rates = runs.batch.plan.unit, np.zeros((len(rates), change.shape[2]))
