@@ -22,7 +22,7 @@ from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, res
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
-from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
+from cablepod.condensed._rescale import MemberStates, rescale_coefficients
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import normals_at_start
 from cablepod.discretisation._mass_damping import decay_and_impulse
@@ -62,14 +62,13 @@ def run(
     request
         Checked options of each run.
     make
-        Makes the model of a member whose structure differs from that of the first.
+        Makes the model of a member.
     progress
         Called with the completed fraction.
     """
 
     def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
-        p = members[i]
-        solution = solve(rescaled_model(unit, p) if same_structure(p, unit.chain.p) else make(p), request)
+        solution = solve(make(members[i]), request)
         model = solution.run.model  # with the loads of the wind
         result = variables(model, solution.state, request.outputs, request.links)
         result |= places_of(model, result, request.links)

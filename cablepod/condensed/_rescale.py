@@ -259,17 +259,3 @@ def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     if not model.is_uniform or (model.order == "leading" and p.point_loads):
         return model  # computed from the modes; point loads: another profile of the slopes
     return RescaledModel(**{item.name: getattr(model, item.name) for item in fields(model)}, unit=unit)
-
-
-def same_structure(p: Parameters, other: Parameters) -> bool:
-    """Return whether two scenes differ in numbers only, so that they share a unit cable."""
-    return (
-        p.dims == other.dims
-        and p.free_end == other.free_end
-        and p.link_viscosity == other.link_viscosity
-        and (p.tension_damping is None) == (other.tension_damping is None)
-        and (p.damping_ratios is None) == (other.damping_ratios is None)
-        and list(p.motions) == list(other.motions)
-        and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
-        and (p.segments, p.attachments) == (other.segments, other.attachments) == ((), ())
-    )
