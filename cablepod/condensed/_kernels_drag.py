@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.condensed._kernels_layout import AIR_ROWS, POINTS_IN_VECTOR
+from cablepod.condensed._kernels_layout import AIR_ROWS
 from cablepod.wind._kernels_drag import body_drag, sample_at
 
 
@@ -161,89 +161,6 @@ def _add_drag(
                 moments[1] += sigma[g] * binormal[g]
 
 
-@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _four_rows(first, last):
-    """Return the rows `first` ... `last` - 1 of at most four coordinates, the last one again for those that are missing."""
-    return first, min(first + 1, last - 1), min(first + 2, last - 1), min(first + 3, last - 1)
-
-
-@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _four_values(values, first, last):
-    """Return the values of the coordinates `first` ... `last` - 1, 0 for those that are missing of four."""
-    b, c, d = first + 1, first + 2, first + 3
-    return values[first], values[b] if b < last else 0.0, values[c] if c < last else 0.0, values[d] if d < last else 0.0
-
-
-@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _sum_of_four(shapes, rows, values, g):
-    """Return the sum of four shapes times their values at a point."""
-    return (shapes[rows[0], g] * values[0] + shapes[rows[1], g] * values[1]) + (
-        shapes[rows[2], g] * values[2] + shapes[rows[3], g] * values[3]
-    )
-
-
-@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _add_four(f, first, last, f0, f1, f2, f3):
-    """Add four forces to the accelerations f `first` ... `last` - 1."""
-    f[first] += f0
-    if first + 1 < last:
-        f[first + 1] += f1
-    if first + 2 < last:
-        f[first + 2] += f2
-    if first + 3 < last:
-        f[first + 3] += f3
-
-
-@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _add_drag_of_few(q, u, stretch, exact, spatial, before, after, share, drag, shapes, n_in_plane, f):
-    """Add the drag to the accelerations of at most four coordinates in each plane: :func:`_add_drag` in one loop.
-
-    Nothing is stored between its parts, of which each would wait for the one before.  `before` and `after`, two samples of the
-    air, are ((1 + normals) points,); `shapes` as there; `spatial` is True or None.
-    """
-    moved, slopes, loads = shapes[0], shapes[1], shapes[2]
-    points, n, size = (
-        drag.size // POINTS_IN_VECTOR * POINTS_IN_VECTOR,
-        n_in_plane,
-        q.size,
-    )  # whole vectors, as is known here
-    rows, q_in, u_in = _four_rows(0, n), _four_values(q, 0, n), _four_values(u, 0, n)
-    f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
-    if spatial is not None:
-        rows_out, q_out, u_out = _four_rows(n, size), _four_values(q, n, size), _four_values(u, n, size)
-        g0, g1, g2, g3 = 0.0, 0.0, 0.0, 0.0
-    for g in range(points):
-        along = before[g] + share * (after[g] - before[g])
-        k = drag.size + g
-        normal = before[k] + share * (after[k] - before[k]) - _sum_of_four(moved, rows, u_in, g)
-        slope = _sum_of_four(slopes, rows, q_in, g)
-        square, chordwise, slopes_squared = stretch * stretch, stretch, slope * slope
-        if spatial is not None:
-            k = 2 * drag.size + g
-            binormal = before[k] + share * (after[k] - before[k]) - _sum_of_four(moved, rows_out, u_out, g)
-            slope_out = _sum_of_four(slopes, rows_out, q_out, g)
-            slopes_squared += slope_out * slope_out
-        if exact is None:
-            square += slopes_squared
-        else:
-            chordwise = math.sqrt(max(square - slopes_squared, 0.0))
-        if spatial is None:
-            force = _planar_law(drag[g], chordwise, square, along, normal, slope)
-        else:
-            _, force, force_out = _spatial_law(drag[g], chordwise, square, along, normal, binormal, slope, slope_out)
-            g0 += loads[rows_out[0], g] * force_out
-            g1 += loads[rows_out[1], g] * force_out
-            g2 += loads[rows_out[2], g] * force_out
-            g3 += loads[rows_out[3], g] * force_out
-        f0 += loads[rows[0], g] * force
-        f1 += loads[rows[1], g] * force
-        f2 += loads[rows[2], g] * force
-        f3 += loads[rows[3], g] * force
-    _add_four(f, 0, n, f0, f1, f2, f3)
-    if spatial is not None:
-        _add_four(f, n, size, g0, g1, g2, g3)
-
-
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, work, f):
     """Add the drag of the wind at a place between its samples to the accelerations f (r,), see :func:`_add_drag`.
@@ -252,14 +169,8 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     linear between samples; `work` (AIR_ROWS points,) is overwritten.
     """
     sample, share = sample_at(place, wind.shape[0])
-    before, after, n, n_out = wind[sample], wind[sample + 1], drag.size, q.size - n_in_plane
-    if 0 < n_in_plane <= 4 and n_out == 0:
-        _add_drag_of_few(q, u, stretch, exact, None, before, after, share, drag, shapes, n_in_plane, f)
-        return
-    if 0 < n_in_plane <= 4 and n_out <= 4:
-        _add_drag_of_few(q, u, stretch, exact, True, before, after, share, drag, shapes, n_in_plane, f)
-        return
-    _interpolate_air(before, after, share, work)
+    n = drag.size
+    _interpolate_air(wind[sample], wind[sample + 1], share, work)
     _add_drag(
         q, u, stretch, exact, work[:n], work[n : 2 * n], work[2 * n : 3 * n], work[3 * n : 4 * n], work[4 * n : 5 * n], drag,
         shapes, n_in_plane, None, None, f,
