@@ -18,7 +18,7 @@ from cablepod.condensed._error_equation import VALUES_AT_A_TIME
 from cablepod.condensed._fields import close_leading, deflections, joined, running_sum
 from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import LeadingTerms
-from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds, rest_profile
+from cablepod.condensed._lanes import LANES, LaneResults, Lanes, MemberEnds
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import equilibria
 from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
@@ -344,7 +344,7 @@ class MemberCoefficients:
         deflection, squared = deflections(named["shapes"][part], unit.sets, length, q)
         rows = self.rows_at(part, times, moving=True)
         tau = rows[:, :, 1 : 1 + patterns.shape[1]] @ patterns
-        factors = self.states.uniform[part, None] + self.states.sag[part, None] * rest_profile(self)
+        factors = self.states.uniform[part, None] + self.states.sag[part, None] * unit.shear_under_uniform_load**2
         stiffness = self.parameters.stiffness[part, None]
         _, stretch = close_leading(squared * factors[:, None], tau, length, rows[:, :, 0], stiffness)
         along, ends = running_sum(stretch * length[:, None]), self.ends.take(part).positions(times)

@@ -182,6 +182,12 @@ class Coefficients:
         return np.ones(self.chain.links) if state is None else state.uniform + state.sag * self._rest_profile
 
     @cached_property
+    def shear_under_uniform_load(self) -> np.ndarray:
+        """Transverse force on the links by a uniform load, over its root mean square (n,)."""
+        shear = self.chordwise_force_patterns[0] - self.mean_chordwise_forces[0]
+        return shear / np.sqrt((shear * shear) @ self.chain.length / self.chain.total_length)
+
+    @cached_property
     def products_under_uniform_load(self) -> list[tuple[np.ndarray, ...]]:
         """Products of the modes as given, with the squared slopes of a cable under uniform load as profile, set by set.
 
@@ -190,8 +196,7 @@ class Coefficients:
         """
         chain = self.chain
         result: list[tuple[np.ndarray, ...]] = []
-        shear = self.chordwise_force_patterns[0] - self.mean_chordwise_forces[0]
-        shear = shear / np.sqrt((shear * shear) @ chain.length / chain.total_length)
+        shear = self.shear_under_uniform_load
         weights = np.stack([chain.length, chain.length * shear**2])
         for psi in self.modes:
             slope = np.diff(psi, axis=1) / chain.length

@@ -284,10 +284,3 @@ class _Group:
 def _flat(array: np.ndarray) -> np.ndarray:
     """Return an array (lanes, ...) as (..., lanes), flat."""
     return np.ascontiguousarray(array.reshape(LANES, -1).T).reshape(-1)
-
-
-def rest_profile(batch: MemberCoefficients) -> np.ndarray:
-    """Return the squared slopes at rest over their mean square (n,), those of a uniform load."""
-    unit = batch.plan.unit
-    shear = unit.chordwise_force_patterns[0] - unit.mean_chordwise_forces[0]
-    return shear * shear / (shear * shear @ unit.chain.length)
