@@ -89,11 +89,6 @@ def _integration(places: AirPlaces) -> np.ndarray:
 
 def _integration_of_part(sigma: np.ndarray) -> np.ndarray:
     """Return the matrix from values at points between 0 and 1 to integrals of their polynomial from 0 to these."""
-    powers = np.arange(sigma.size)
-    centred = 2.0 * sigma - 1.0
-    vandermonde = np.polynomial.legendre.legvander(centred, sigma.size - 1)
-    integrals = np.empty_like(vandermonde)
-    for k in powers:
-        coefficients = np.polynomial.legendre.legint(np.eye(sigma.size)[k], lbnd=-1.0)
-        integrals[:, k] = 0.5 * np.polynomial.legendre.legval(centred, coefficients)
-    return integrals @ np.linalg.inv(vandermonde)
+    legendre, centred, count = np.polynomial.legendre, 2.0 * sigma - 1.0, sigma.size
+    integrals = 0.5 * legendre.legvander(centred, count) @ legendre.legint(np.eye(count), lbnd=-1.0)
+    return integrals @ np.linalg.inv(legendre.legvander(centred, count - 1))

@@ -89,11 +89,8 @@ def projection(count: int, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
     `weights` are those of the values in these sums; polynomials have a degree below the number of points.
     """
     inner, inner_weights = gauss(count)
-    nodes = 0.5 * (1.0 + inner)
-    lagrange = np.ones((count, at.size))
-    for g, node in enumerate(nodes):
-        for other in np.delete(nodes, g):
-            lagrange[g] *= (at - other) / (node - other)
+    legvander = np.polynomial.legendre.legvander
+    lagrange = np.linalg.inv(legvander(inner, count - 1).T) @ legvander(2.0 * at - 1.0, count - 1).T
     return lagrange * weights / (0.5 * inner_weights)[:, None]
 
 
