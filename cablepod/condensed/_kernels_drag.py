@@ -23,39 +23,21 @@ def _interpolate_air(before, after, share, air):
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _add_motion(first, last, q, u, slopes, shapes, slope, velocity):
-    """Add the slopes of coordinates `first` ... `last` - 1 at the points, and subtract their rates from the velocity of the air.
-
-    Four coordinates at a time: the loop over the points is vectorised, and takes as long for four of them as for one.
-    """
-    for i in range(first, last, 4):
-        b, c, d = min(i + 1, last - 1), min(i + 2, last - 1), min(i + 3, last - 1)
-        q0, u0 = q[i], u[i]
-        q1, u1 = (q[b], u[b]) if i + 1 < last else (0.0, 0.0)
-        q2, u2 = (q[c], u[c]) if i + 2 < last else (0.0, 0.0)
-        q3, u3 = (q[d], u[d]) if i + 3 < last else (0.0, 0.0)
+    """Add slopes of coordinates `first` ... `last` - 1 at the points, subtract their rates from the velocity of the air."""
+    for i in range(first, last):
         for g in range(slope.size):
-            slope[g] += (slopes[i, g] * q0 + slopes[b, g] * q1) + (slopes[c, g] * q2 + slopes[d, g] * q3)
-            velocity[g] -= (shapes[i, g] * u0 + shapes[b, g] * u1) + (shapes[c, g] * u2 + shapes[d, g] * u3)
+            slope[g] += slopes[i, g] * q[i]
+            velocity[g] -= shapes[i, g] * u[i]
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _add_projection(first, last, shapes, force, f):
     """Add the forces at the points times the shapes to the accelerations f `first` ... `last` - 1."""
-    for i in range(first, last, 4):
-        b, c, d = min(i + 1, last - 1), min(i + 2, last - 1), min(i + 3, last - 1)
-        f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
+    for i in range(first, last):
+        total = 0.0
         for g in range(force.size):
-            f0 += shapes[i, g] * force[g]
-            f1 += shapes[b, g] * force[g]
-            f2 += shapes[c, g] * force[g]
-            f3 += shapes[d, g] * force[g]
-        f[i] += f0
-        if i + 1 < last:
-            f[b] += f1
-        if i + 2 < last:
-            f[c] += f2
-        if i + 3 < last:
-            f[d] += f3
+            total += shapes[i, g] * force[g]
+        f[i] += total
 
 
 @compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
