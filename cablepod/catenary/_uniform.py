@@ -12,8 +12,8 @@ from cablepod.catenary._least_tension import least_tension
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 
-#: Number of cables up to which they are solved one by one, without compiled code.
-FEW = 16
+#: Number of cables up to which they are solved one by one, in some 10 us each, without code that takes two seconds to compile.
+FEW = 128
 
 
 class LoadPlane(NamedTuple):
