@@ -13,7 +13,7 @@ from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 
 #: Number of cables up to which they are solved one by one, in some 10 us each, without code that takes two seconds to compile.
-FEW = 128
+FEW = 64
 
 
 class LoadPlane(NamedTuple):

@@ -324,8 +324,9 @@ class MemberCoefficients:
             if done.instants.needs_interpolation:
                 boundary_data = self.rows_at(part, times, moving=True)
             else:
-                rows = done.instants.left[np.isin(done.instants.times, times)]
-                boundary_data = done.boundary_data.take(rows, axis=1)
+                rows, boundary_data = done.instants.left[np.isin(done.instants.times, times)], done.boundary_data
+                if rows.size < boundary_data.shape[1]:  # otherwise all of them, which need no copy
+                    boundary_data = boundary_data.take(rows, axis=1)
             kernel.link_tensions(
                 LeadingTerms(*(array[part] for array in self.terms)), boundary_data, q, slopes, unit.n_in_plane, patterns,
                 np.empty(1), part, targets["tension"],

@@ -344,7 +344,7 @@ def test_other_statuses():
 
 
 def test_many_are_the_same_as_few():
-    length = np.tile([61.0, 61.2, 62.0, 150.0, -1.0], 26)
+    length = np.tile([61.0, 61.2, 62.0, 150.0, -1.0], 13)
     assert length.size > FEW  # compiled code
     a, b, q, k = (np.full(length.size, value) for value in GUY.values())
     out, status = solve_catenaries((a, b, np.hypot(a, b), q), k, "unstretched_length", length)
