@@ -50,9 +50,9 @@ def planar_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass,
     load, mass
         Uniform load with weight (2, lanes) [N/m], mass per unstretched length (lanes,) [kg/m].
     row
-        Boundary data of the step (columns, lanes), flat; filled.  Columns: chord length [m], then the
-        load patterns along the chord from the upper end to the lower one, then those along each normal: uniform load, inertia
-        that grows with the relative arc length [N/m].
+        Boundary data of the step (columns, lanes), flat; filled.  Columns: chord length [m], then the load patterns along the
+        chord from the upper end to the lower one, then those along each normal: uniform load, inertia that grows with the
+        relative arc length [N/m].
     """
     width, count = len(lanes), len(patterns)
     for m in range(width):
