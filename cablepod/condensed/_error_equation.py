@@ -17,7 +17,7 @@ from cablepod.condensed._error_coefficients import (
     terms_of_model,
     unit_coefficients,
 )
-from cablepod.condensed._kernels_layout import BLOCK, FIELDS, SUMS, Drive, ErrorTerms, LeadingTerms, runtime_sizes
+from cablepod.condensed._kernels_layout import Drive, ErrorTerms, LeadingTerms, runtime_sizes
 from cablepod.condensed._newton import solve_each
 from cablepod.discretisation._chain import LumpedChain
 
@@ -60,27 +60,47 @@ def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.nda
     to_enriched = np.swapaxes(terms.change, 1, 2)
     y, difference = q @ to_enriched, -(accelerations @ to_enriched)
     planes = [slice(terms.in_plane)] if terms.in_plane == r else [slice(terms.in_plane), slice(terms.in_plane, r)]
-    slopes = np.empty((members, len(planes), 3, m, samples))
+    slopes = np.empty((3, members, len(planes), m, samples))
     for plane, which in enumerate(planes):
         for order, derivative in enumerate((q, rates, accelerations)):
             across = np.swapaxes(derivative[:, :, which], 1, 2)
-            np.matmul(terms.slopes_of_motion[:, :, which], across, out=slopes[:, plane, order])
+            np.matmul(terms.slopes_of_motion[:, :, which], across, out=slopes[order, :, plane])
     along = rows[:, :, 1 : 1 + terms.force_patterns.shape[2]]
     force = terms.force_patterns @ np.swapaxes(along, 1, 2)
-    change, largest_force = tensions = np.empty((2, members, samples))
-    kernel.exact_forces(
-        terms.sizes, terms.enriched, terms.weights, terms.flexibility, terms.inertia, terms.green, terms.leading,
-        terms.corrections, np.ascontiguousarray(rows), y, force, slopes, np.empty((FIELDS, m, BLOCK)),
-        np.empty((SUMS, BLOCK)), tensions,
-    )  # fmt: skip
+    (slope, rate, second_rate), (stretch, compliance) = slopes, np.empty((2, *force.shape))
+    sums = np.empty((members, kernel.FLEXIBILITY + 1, samples))
+    with np.errstate(all="ignore"):  # an error that is not finite counts as infinite
+        kernel.close_samples(
+            terms.sizes, terms.enriched, terms.weights, terms.flexibility, terms.green, terms.leading, terms.corrections,
+            np.ascontiguousarray(rows), y, (slope * slope).sum(axis=1), force, stretch, compliance, sums,
+        )  # fmt: skip
+        change, weights = sums[:, kernel.TENSION_CHANGE], terms.weights[:, :, None]
+        exact = force if terms.leading else force + change[:, None]
+        # at constant stretch of the cable zeta' zeta'_t = -w' w'_t and zeta' zeta'_tt = -(w' w'_tt + w'_t^2 + zeta'_t^2)
+        stretch_rate = (slope * rate).sum(axis=1) / stretch
+        squares = (slope * second_rate + rate * rate).sum(axis=1) + stretch_rate * stretch_rate
+        momentum = _chordwise_momentum(terms, -squares / stretch)
+        # the exact force on a slope, (N - inertia) / zeta', less N to leading order
+        on_slopes = ((weights * exact - momentum) / stretch - weights * force)[:, None] * slope
     enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
     for plane, which in zip(range(len(planes)), enriched, strict=False):
-        difference[:, :, which] -= np.swapaxes(slopes[:, plane, 0], 1, 2) @ np.swapaxes(terms.slopes[:, which], 1, 2)
+        difference[:, :, which] -= np.swapaxes(on_slopes[:, plane], 1, 2) @ np.swapaxes(terms.slopes[:, which], 1, 2)
     if not terms.leading:  # a motion with the exact closure has that tension in the difference
         difference += change[:, :, None] * terms.enriched.kappa[:, None] * y
     rows = rows.copy()
     rows[:, :, 0] += change / (terms.enriched.stiffness * terms.enriched.inverse_length)
-    return Drive(rows, y, difference, largest_force)
+    return Drive(rows, y, difference, exact.max(axis=1))
+
+
+def _chordwise_momentum(terms: ErrorTerms, rates: np.ndarray) -> np.ndarray:
+    """Multiply rates of stretch at the points (members, m, samples) by the chordwise mass matrix [kg m^2]."""
+    if terms.inertia.shape[1] != 2:  # full matrix, at quadrature points
+        return terms.inertia @ rates
+    from cablepod.condensed import _kernels_exact_closure as kernel  # numba is imported only to compute
+
+    momentum = np.empty_like(rates)
+    kernel.chordwise_momenta(rates, terms.weights, terms.inertia, momentum)
+    return momentum
 
 
 def errors_at_rest(terms: ErrorTerms, q: np.ndarray, rows: np.ndarray) -> np.ndarray:

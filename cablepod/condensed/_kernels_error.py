@@ -1,4 +1,4 @@
-"""Compiled error equation: exact forces at the points of a motion, and the growth of the error that it drives.
+"""Compiled error equation: exact closure at the points of a motion, and the growth of the error that it drives.
 
 With the forces F to leading order of the enriched model, the motion y in its coordinates and the difference D of the exact forces
 from F at y, the error e obeys e'' = D + F(y + e) - y'' - c y' - c e'.  Forces and closure are those of the steps.  All arrays
@@ -9,145 +9,81 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions, _forces, _of_member
-from cablepod.condensed._kernels_exact_closure import _chordwise_momentum, _newton_green, _newton_linear
-from cablepod.condensed._kernels_layout import BLOCK
+from cablepod.condensed._kernels_exact_closure import _newton_green, _newton_linear
 
 #: Mass that is added to unresolved modes, over their stiffness times the squared step (stable above a quarter), and part of the
 #: stability margin of the others that the stiffness of the sag may use.
 ADDED_MASS, MARGIN = 0.3, 0.95
-# Fields at the points (FIELDS, m, BLOCK).
-SQUARED, STRETCH, COMPLIANCE, RATE, SECOND_RATE, MOMENTUM = 0, 1, 2, 3, 4, 5
-# Sums over the points (SUMS, BLOCK).
-TENSION, TENSION_CHANGE, LARGEST_FORCE = 0, 1, 2  #: H to leading order, its change by the exact closure, largest N [N]
-#: Integrals of zeta' to leading order and now [m], and of its derivative by N [m/N].
-CHORD, REACH, FLEXIBILITY = 3, 4, 5
+#: Sums over the points: H to leading order, its change by the exact closure [N]; integrals of zeta' to leading order and now
+#: [m], and of its derivative by N [m/N].
+TENSION, TENSION_CHANGE, CHORD, REACH, FLEXIBILITY = range(5)
 
 
-@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
-def _sum_slopes(slopes, begin, end, force, fields, sums):
-    """Add H to the forces of the loads, and sum the products of slopes w' and their rates over the deflections.
-
-    The second rates of zeta' at constant stretch of the cable are -(w' w'_tt + w'_t^2 + zeta'_t^2) / zeta' with the rate
-    zeta'_t = -w' w'_t / zeta'.
-    """
-    for j in range(slopes.shape[2]):
-        for t in range(begin, end):
-            force[j, t] += sums[TENSION, t - begin]
-            fields[SQUARED, j, t - begin], fields[RATE, j, t - begin], fields[SECOND_RATE, j, t - begin] = 0.0, 0.0, 0.0
-        for plane in range(slopes.shape[0]):
-            for t in range(begin, end):
-                slope, rate = slopes[plane, 0, j, t], slopes[plane, 1, j, t]
-                fields[SQUARED, j, t - begin] += slope * slope
-                fields[RATE, j, t - begin] += slope * rate
-                fields[SECOND_RATE, j, t - begin] += slope * slopes[plane, 2, j, t] + rate * rate
-
-
-@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
-def _close_samples(weights, flexibility, green, shift, corrections, begin, end, force, fields, sums):
-    """Fill the inverse of zeta' at the points with its second rate, and the change of H by the exact closure.
+@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+def close_samples(
+    sizes, enriched, weights, flexibility, green, leading, corrections, rows, y, squared, force, stretch, compliance, sums
+):  # fmt: skip
+    """Add H to leading order to chordwise forces at points, and fill zeta' and the change of H by the exact closure.
 
     The integral of zeta' is that of 1 + N / K - w'^2 / 2 at the same points, so that errors of the quadrature only enter the
-    difference from the leading order.  `shift` is 0 for a motion to leading order, which has the tension to leading order.
-    """
-    count = end - begin
-    for t in range(count):
-        sums[CHORD, t], sums[TENSION_CHANGE, t], sums[LARGEST_FORCE, t] = 0.0, 0.0, -np.inf
-    for j in range(weights.size):
-        for t in range(count):
-            own, squared = force[j, begin + t], fields[SQUARED, j, t]
-            strain = own * flexibility[j]
-            leading = 1.0 + strain - 0.5 * squared
-            inner = 1.0 - squared + (2.0 * strain / leading if green else 2.0 * strain + strain * strain)
-            sums[CHORD, t] += weights[j] * leading
-            sums[LARGEST_FORCE, t] = own if own > sums[LARGEST_FORCE, t] else sums[LARGEST_FORCE, t]
-            fields[STRETCH, j, t] = math.sqrt(inner)
-    for _ in range(corrections):
-        for t in range(count):
-            sums[REACH, t], sums[FLEXIBILITY, t] = 0.0, 0.0
-        for j in range(weights.size):
-            for t in range(count):
-                strain = (force[j, begin + t] + shift * sums[TENSION_CHANGE, t]) * flexibility[j]
-                if green:
-                    correction, derivative, _ = _newton_green(strain, fields[SQUARED, j, t], fields[STRETCH, j, t])
-                else:
-                    correction, derivative, _ = _newton_linear(strain, fields[SQUARED, j, t], fields[STRETCH, j, t])
-                fields[STRETCH, j, t] += correction
-                fields[COMPLIANCE, j, t] = derivative * flexibility[j]
-                sums[REACH, t] += weights[j] * fields[STRETCH, j, t]
-                sums[FLEXIBILITY, t] += weights[j] * fields[COMPLIANCE, j, t]
-        for t in range(count):
-            sums[REACH, t] = (sums[CHORD, t] - sums[REACH, t]) / sums[FLEXIBILITY, t]
-            sums[TENSION_CHANGE, t] += sums[REACH, t]
-        for j in range(weights.size):
-            for t in range(count):
-                fields[STRETCH, j, t] += shift * fields[COMPLIANCE, j, t] * sums[REACH, t]
-    for j in range(weights.size):
-        for t in range(count):
-            inverse = 1.0 / fields[STRETCH, j, t]
-            rate = fields[RATE, j, t] * inverse
-            fields[SECOND_RATE, j, t] = -(fields[SECOND_RATE, j, t] + rate * rate) * inverse
-            fields[STRETCH, j, t] = inverse
-
-
-@compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
-def _fill_forces_on_slopes(weights, shift, begin, end, force, fields, sums, slopes):
-    """Replace the slopes by the forces on them less those to leading order, times the weights: (N - inertia) / zeta' - N."""
-    for j in range(weights.size):
-        for t in range(begin, end):
-            leading = weights[j] * force[j, t]
-            exact = leading + weights[j] * shift * sums[TENSION_CHANGE, t - begin] - fields[MOMENTUM, j, t - begin]
-            fields[SQUARED, j, t - begin] = exact * fields[STRETCH, j, t - begin] - leading
-        for plane in range(slopes.shape[0]):
-            for t in range(begin, end):
-                slopes[plane, 0, j, t] *= fields[SQUARED, j, t - begin]
-
-
-@compiled(fastmath=FAST_DIVISION, counted=False)
-def exact_forces(
-    sizes, enriched, weights, flexibility, inertia, green, leading, corrections, rows, y, force, slopes, fields, sums, tensions
-):  # fmt: skip
-    """Compute the exact forces on the slopes of motions at points along cables, less those to leading order.
-
-    The exact force on a slope is (N - inertia) / zeta', with the inertia of the chordwise motion.
+    difference from the leading order.  A motion to leading order has the tension to leading order.
 
     Parameters
     ----------
-    sizes, enriched, weights, flexibility, inertia, green, leading, corrections
+    sizes, enriched, weights, flexibility, green, leading, corrections
         See :class:`cablepod.condensed._kernels_layout.ErrorTerms`.
     rows
         Boundary data of the samples, see :func:`cablepod.condensed._frame.chord_and_loads` (members, samples, columns).
     y
         Motion in enriched coordinates (members, samples, R).
+    squared
+        Squared slopes at the points (members, m, samples).
     force
-        Chordwise forces of the loads at the points (members, m, samples) [N]; changed.
-    slopes
-        Slopes of the deflections at the points, their rates, and accelerations (members, deflections, 3, m, samples); those
-        without a rate are replaced by the forces times the weights.
-    fields, sums
-        Work arrays (FIELDS, m, BLOCK) and (SUMS, BLOCK).
-    tensions
-        Filled: change of H by the exact closure, and largest chordwise force (2, members, samples) [N].
+        Chordwise forces of the loads at the points (members, m, samples) [N]; H is added.
+    stretch, compliance
+        Filled: zeta' and its derivative by N [1/N] (members, m, samples).
+    sums
+        Filled: the rows TENSION to FLEXIBILITY (members, 5, samples).
     """
-    shift, samples = 0.0 if leading else 1.0, y.shape[1]
     for member in range(y.shape[0]):
-        own = _of_member(enriched, member)
-        for begin in range(0, samples, BLOCK):
-            end = begin + BLOCK if begin + BLOCK < samples else samples
-            for t in range(begin, end):
-                _chord_tensions(sizes, own, rows[member, t], y[member, t], sums[TENSION, t - begin :])
-            _sum_slopes(slopes[member], begin, end, force[member], fields, sums)
-            _close_samples(
-                weights[member], flexibility[member], green, shift, corrections, begin, end, force[member], fields, sums
-            )
-            _chordwise_momentum(end - begin, fields[SECOND_RATE], weights[member], inertia[member], fields[MOMENTUM])
-            _fill_forces_on_slopes(weights[member], shift, begin, end, force[member], fields, sums, slopes[member])
-            for t in range(begin, end):
-                tensions[0, member, t] = sums[TENSION_CHANGE, t - begin]
-                tensions[1, member, t] = sums[LARGEST_FORCE, t - begin] + shift * sums[TENSION_CHANGE, t - begin]
+        own, total = _of_member(enriched, member), sums[member]
+        for t in range(y.shape[1]):
+            _chord_tensions(sizes, own, rows[member, t], y[member, t], total[TENSION, t:])
+            total[CHORD, t], total[TENSION_CHANGE, t] = 0.0, 0.0
+        for j in range(weights.shape[1]):
+            weight, flexible = weights[member, j], flexibility[member, j]
+            for t in range(y.shape[1]):
+                force[member, j, t] += total[TENSION, t]
+                strain, square = force[member, j, t] * flexible, squared[member, j, t]
+                first = 1.0 + strain - 0.5 * square
+                total[CHORD, t] += weight * first
+                inner = 1.0 - square + (2.0 * strain / first if green else 2.0 * strain + strain * strain)
+                stretch[member, j, t] = math.sqrt(inner)
+        for _ in range(corrections):
+            for t in range(y.shape[1]):
+                total[REACH, t], total[FLEXIBILITY, t] = 0.0, 0.0
+            for j in range(weights.shape[1]):
+                weight, flexible = weights[member, j], flexibility[member, j]
+                for t in range(y.shape[1]):
+                    change = 0.0 if leading else total[TENSION_CHANGE, t]
+                    strain, square = (force[member, j, t] + change) * flexible, squared[member, j, t]
+                    if green:
+                        correction, derivative, _ = _newton_green(strain, square, stretch[member, j, t])
+                    else:
+                        correction, derivative, _ = _newton_linear(strain, square, stretch[member, j, t])
+                    stretch[member, j, t] += correction
+                    compliance[member, j, t] = derivative * flexible
+                    total[REACH, t] += weight * stretch[member, j, t]
+                    total[FLEXIBILITY, t] += weight * compliance[member, j, t]
+            for t in range(y.shape[1]):
+                total[REACH, t] = (total[CHORD, t] - total[REACH, t]) / total[FLEXIBILITY, t]
+                total[TENSION_CHANGE, t] += total[REACH, t]
+            if not leading:
+                for j in range(weights.shape[1]):
+                    for t in range(y.shape[1]):
+                        stretch[member, j, t] += compliance[member, j, t] * total[REACH, t]
 
 
 @compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)

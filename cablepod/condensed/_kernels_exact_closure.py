@@ -141,6 +141,13 @@ def _chordwise_momentum(count, stretching, weights, inertia, momentum):
 
 
 @compiled(counted=False)
+def chordwise_momenta(stretching, weights, inertia, momentum):
+    """Do :func:`_chordwise_momentum` for members, the first dimension of all arrays."""
+    for member in range(weights.shape[0]):
+        _chordwise_momentum(stretching.shape[2], stretching[member], weights[member], inertia[member], momentum[member])
+
+
+@compiled(counted=False)
 def close_all(squared, tau, weights, chord, stiffness, green, begin, last, work, chord_tension, stretch):
     """Solve the closure for shapes at many times, from one to the next, up to the first where Newton's method fails.
 

@@ -160,11 +160,6 @@ class Record(NamedTuple):
     )  #: filled: rates half a step before and after (outputs, 2, r, lanes), or without entries
 
 
-#: Number of samples of the error equation that are computed side by side (a multiple of the vectors of processors; no power of
-#: two, as rows would then share lines of the cache), of fields at the points, and of sums over them.
-BLOCK, FIELDS, SUMS = 136, 6, 6
-
-
 class ExactTerms(NamedTuple):
     """Coefficients of the exact forces, at the links or quadrature points (m)."""
 
