@@ -8,28 +8,15 @@ determinant exp(-int tr D dt).
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from cablepod.condensed._fields import close
 from cablepod.condensed._kernels_layout import RateTerms
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import Solver, State, basis_at
+from cablepod.periodic._solve import Forces, Solver, State, basis_at, rates_of
 
 #: Norm of the matrix in an exponential above which it is halved, and number of terms of the series (rounding at this norm).
 MAX_EXPONENT, TERMS = 0.5, 14
-
-
-class Forces(NamedTuple):
-    """Forces of coordinates without dimension at M phases, and their derivatives."""
-
-    force: np.ndarray  #: (M, n)
-    rate: np.ndarray  #: derivative by the angular frequency, at constant coordinates and rates (M, n)
-    stiffness: np.ndarray  #: negative derivative by the coordinates (M, n, n)
-    #: negative derivative by the rates (M, n, n), mass-proportional damping left out; None for none
-    damping: np.ndarray | None
-    least: float  #: smallest chordwise force, without dimension
 
 
 def solver_of(model: PeriodicModel) -> Solver:
@@ -38,18 +25,10 @@ def solver_of(model: PeriodicModel) -> Solver:
     return GeneralSolver(model) if model.condensed.order != "leading" or depends_on_rates else Solver(model)
 
 
-def rates_of(coefficients: np.ndarray) -> np.ndarray:
-    """Return the coefficients of the harmonics of the derivative by the phase (1 + 2 harmonics, n)."""
-    result, k = np.zeros_like(coefficients), np.arange(1, len(coefficients) // 2 + 1)[:, None]
-    result[1::2], result[2::2] = k * coefficients[2::2], -k * coefficients[1::2]
-    return result
-
-
 class GeneralSolver(Solver):
     """Newton's method and multipliers of a model by array expressions."""
 
     overhead = 2e7
-    compiled = False
 
     # --- forces -----------------------------------------------------------------------------------------------------
 
@@ -133,28 +112,6 @@ class GeneralSolver(Solver):
         unit = 1.0 / (length * frequency**2)
         least = float(chordwise.min()) / model.force_scale
         return Forces(force * unit, rate * unit, tangent / frequency**2, damping_matrix, least)
-
-    # --- Newton's method --------------------------------------------------------------------------------------------
-
-    def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
-        samples, alpha, factor = 4 * state.harmonics + 4, self.model.damping, state.omega / state.periods
-        c, n, columns = state.coefficients, state.size, 1 + 2 * state.harmonics
-        forces, basis = self._forces(state, samples), basis_at(samples, state.harmonics)
-        project = 2.0 / samples * basis.T
-        project[0] *= 0.5
-        turn = rates_of(np.eye(columns))  # from coefficients to those of the rates, over the frequency
-        inertia = factor**2 * turn @ turn + alpha * factor * turn
-        residual = inertia @ c - project @ forces.force
-        rate = (2.0 * factor * turn @ turn + alpha * turn) @ c / state.periods - project @ forces.rate
-        effect = basis[:, :, None, None] * forces.stiffness[:, None]
-        if forces.damping is not None:
-            rates = basis @ turn
-            effect = effect + factor * rates[:, :, None, None] * forces.damping[:, None]
-            rate += project @ np.einsum("mij,mj->mi", forces.damping, rates @ c / state.periods)
-        jacobian = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
-        jacobian += inertia[:, :, None, None] * np.eye(n)
-        return residual.ravel(), rate.ravel(), jacobian.transpose(0, 2, 1, 3).reshape(columns * n, columns * n)
 
     # --- multipliers ------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Compiled harmonic balance: residual, exact Jacobian, Newton's method with one linear condition.
+"""Compiled harmonic balance: residual and exact Jacobian, and the linear systems of maps.
 
 All numbers are without dimension.  Coordinates q(theta) are sums of harmonics with the coefficients X (1 + 2 H, n), in the order
 mean, cosine 1, sine 1, cosine 2, ...; the unknowns z are X, flat, and the angular frequency omega of the forcing.  The phase
@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.periodic._kernels_forces import leading_samples
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 12
@@ -67,7 +66,7 @@ def substitute(matrix, pivots, x):
 
 
 @compiled(fastmath=REORDERED_FUSED)
-def harmonic_blocks(mean, count, odd, matrix):
+def harmonic_blocks(mean, count, matrix):
     """Fill the action of a periodic matrix on harmonics: rows of harmonics, times harmonics, over a period.
 
     Products of two harmonics are those of their sum and difference.  For harmonic 0 both rows and both columns are one: what is
@@ -77,18 +76,18 @@ def harmonic_blocks(mean, count, odd, matrix):
     ----------
     mean
         Fourier sums of the matrix at the samples, over their number, up to twice the highest harmonic (4 H + 1, n, n).
-    count, odd
-        Number of harmonics; 0 for 0, 1, 2, ..., 1 for the odd halves 1/2, 3/2, ... of a motion over two periods.
+    count
+        Number of harmonics with harmonic 0.
     matrix
         Filled: the unknowns in the order cosine, sine of each harmonic, all n together.
     """
     n = mean.shape[1]
     for i in range(count):
-        ci, si = max(2 * i - 1 + odd, 0) * n, (2 * i + odd) * n
+        ci, si = max(2 * i - 1, 0) * n, 2 * i * n
         weight = 0.5 if si == 0 else 1.0
         for j in range(count):
-            cj, sj = max(2 * j - 1 + odd, 0) * n, (2 * j + odd) * n
-            low, high = abs(i - j), i + j + odd
+            cj, sj = max(2 * j - 1, 0) * n, 2 * j * n
+            low, high = abs(i - j), i + j
             sign = 1.0 if i > j else -1.0
             for a in range(n):
                 for b in range(n):
@@ -142,7 +141,7 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
                 for b in range(n):
                     mean[c, a, b] += weight * tangent[j, a, b]
     if derives:
-        harmonic_blocks(mean, harmonics + 1, 0, jacobian)
+        harmonic_blocks(mean, harmonics + 1, jacobian)
     for i in range(1, harmonics + 1):
         factor = i / periods
         frequency = omega * factor
@@ -158,73 +157,3 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
             jacobian[s, s] -= frequency * frequency
             jacobian[c, s] += damping * frequency
             jacobian[s, c] -= damping * frequency
-
-
-@compiled(literal=False)
-def correct(z, active, direction, target, basis, forced, periods, stride, samples, tangent_vector):
-    """Solve the harmonic balance by Newton's method, with the condition direction . z[active] = target.
-
-    Parameters
-    ----------
-    z
-        First guess of the unknowns ((1 + 2 H) n + 1,); changed into the solution.
-    active
-        Numbers of the unknowns that change, omega the last of them; all others stay.
-    direction, target
-        The linear condition (active,), and its value.
-    basis, forced, periods, stride
-        As in :func:`cablepod.periodic._kernels_forces.leading_samples` and :func:`balance`.
-    samples
-        Number of samples N.
-    tangent_vector
-        Filled: direction of the branch (active,), of unit norm, turned like `direction`.
-
-    Returns
-    -------
-    int
-        Number of iterations; -1 where Newton's method fails.
-    """
-    n, unknowns = forced.terms.kappa.size, z.size - 1
-    force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
-    residual, rate, jacobian = np.empty(unknowns), np.empty(unknowns), np.empty((unknowns, unknowns))
-    m = active.size
-    matrix, x, pivots = np.empty((m, m)), np.empty(m), np.empty(m, np.int64)
-    before = np.inf
-    for iteration in range(MAX_ITERATIONS):
-        leading_samples(z, basis, forced, stride, force, force_rate, tangent)
-        balance(z, basis, forced.damping, periods, force, force_rate, tangent, residual, rate, jacobian)
-        largest, condition = 1.0, target
-        for i in range(m - 1):
-            row = active[i]
-            for j in range(m - 1):
-                matrix[i, j] = jacobian[row, active[j]]
-            matrix[i, m - 1] = rate[row]
-            x[i] = -residual[row]
-        for i in range(m):
-            matrix[m - 1, i] = direction[i]
-            condition -= direction[i] * z[active[i]]
-            largest = max(largest, abs(z[active[i]]))
-        x[m - 1] = condition
-        if not factorise(matrix, pivots):
-            return -1
-        substitute(matrix, pivots, x)
-        change = 0.0
-        for i in range(m):
-            z[active[i]] += x[i]
-            change = max(change, abs(x[i]))
-        if not change < 1e6 * largest or (iteration > 3 and change > before):
-            return -1
-        before = change
-        if change <= NEWTON_RTOL * largest:
-            for i in range(m):
-                tangent_vector[i] = 0.0
-            tangent_vector[m - 1] = 1.0
-            substitute(matrix, pivots, tangent_vector)
-            norm = 0.0
-            for i in range(m):
-                norm += tangent_vector[i] * tangent_vector[i]
-            norm = 1.0 / np.sqrt(norm)
-            for i in range(m):
-                tangent_vector[i] *= norm
-            return iteration + 1
-    return -1

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._multipliers import eigenvalues
 from cablepod.periodic._period import check_period
@@ -21,8 +20,6 @@ MAX_UNKNOWNS = 450
 TAIL_RTOL = 1e-6
 #: Share of the motion in the mean deflection below which a motion counts as none.
 NO_MOTION = 1e-9
-#: Number of unknowns above which LAPACK solves for their corrections.
-LARGE = 120
 #: Largest product of highest frequency and step of the scheme for multipliers (its phases err by the fourth power over 480).
 MAX_PHASE_STEP = 0.2
 #: Largest number of its steps in a period, by memory.
@@ -127,16 +124,28 @@ def sets_of(model: PeriodicModel, state: State) -> list[tuple[str, slice]]:
     return [(IN_PLANE, slice(0, 2 * n)), (OUT_OF_PLANE, slice(2 * n, 2 * r))][: 1 + (r > n)]
 
 
-def bases(state: State, stride: int) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return the number of samples, harmonics at the samples (N, 1 + 4 H) and at all phases (N stride, 1 + 2 H)."""
-    samples = 4 * state.harmonics + 4
-    return samples, basis_at(samples, 2 * state.harmonics), basis_at(samples * stride, state.harmonics)
-
-
 def strides(duration: np.ndarray | float, rate: float, samples: int) -> np.ndarray:
     """Return the numbers of steps of the scheme for multipliers for each sample, powers of two, in periods of durations."""
     steps = np.minimum(duration * rate / MAX_PHASE_STEP, MAX_PHASES)
     return MIN_STRIDE * 2 ** np.ceil(np.log2(np.maximum(steps / (samples * MIN_STRIDE), 1.0))).astype(int)
+
+
+def rates_of(coefficients: np.ndarray) -> np.ndarray:
+    """Return the coefficients of the harmonics of the derivative by the phase (1 + 2 harmonics, n)."""
+    result, k = np.zeros_like(coefficients), np.arange(1, len(coefficients) // 2 + 1)[:, None]
+    result[1::2], result[2::2] = k * coefficients[2::2], -k * coefficients[1::2]
+    return result
+
+
+class Forces(NamedTuple):
+    """Forces of coordinates without dimension at M phases, and their derivatives."""
+
+    force: np.ndarray  #: (M, n)
+    rate: np.ndarray  #: derivative by the angular frequency, at constant coordinates and rates (M, n)
+    stiffness: np.ndarray  #: negative derivative by the coordinates (M, n, n)
+    #: negative derivative by the rates (M, n, n), mass-proportional damping left out; None for none
+    damping: np.ndarray | None
+    least: float  #: smallest chordwise force, without dimension
 
 
 @lru_cache(KEPT_BASES)
@@ -150,8 +159,6 @@ class Solver:
 
     #: Work of a call beside that of its linear systems, in units of those: unknowns cubed.
     overhead = 2e6
-    #: Whether all of Newton's method is compiled, where unknowns are few.
-    compiled = True
 
     def __init__(self, model: PeriodicModel) -> None:
         from cablepod.periodic import _kernels_balance, _kernels_floquet  # numba is imported only to compute
@@ -160,10 +167,6 @@ class Solver:
         #: Unknowns cubed of all linear systems so far, with the overhead of calls
         self.work = 0.0
         self.balance, self.floquet = _kernels_balance, _kernels_floquet
-
-    def forced(self, state: State, stride: int) -> Forced:
-        """Return terms and forcing of the coordinates of a state, at `stride` phases for each sample."""
-        return self.model.forced(state.size, (4 * state.harmonics + 4) * stride, state.periods)
 
     def correct(
         self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
@@ -177,38 +180,38 @@ class Solver:
         """
         if active is None:
             active = np.arange(state.z.size)
-        solve = self._newton if not self.compiled or active.size > LARGE else self._newton_of_few
-        z, tangent, iterations = solve(state, direction[active], target, active)
+        z, tangent, iterations = self._newton(state, direction[active], target, active)
         self.work += self.overhead + abs(iterations) * active.size**3
         whole = np.zeros_like(direction)
         whole[active] = tangent
         return replace(state, z=z), whole, iterations
 
-    def _newton_of_few(
-        self, state: State, direction: np.ndarray, target: float, active: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Do :meth:`_newton` in compiled loops, which are faster for few unknowns."""
-        stride, z, tangent = self.stride(state), state.z.copy(), np.empty_like(direction)
-        samples, basis, _ = bases(state, stride)
-        iterations = self.balance.correct(
-            z, active, direction, target, basis, self.forced(state, stride), state.periods, stride, samples, tangent
-        )
-        return z, tangent, iterations
+    def _forces(self, state: State, phases: int) -> Forces:
+        """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
+        from cablepod.periodic._kernels_forces import leading_samples  # numba is imported only to compute
+
+        n, basis = state.size, basis_at(phases, state.harmonics)
+        force, rate, tangent = np.empty((phases, n)), np.empty((phases, n)), np.empty((phases, n, n))
+        forced = self.model.forced(n, phases, state.periods)
+        least = leading_samples(state.z, basis, forced, 1, force, rate, tangent)
+        return Forces(force, rate, tangent, None, least)
 
     def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
-        from cablepod.periodic._kernels_forces import leading_samples  # numba is imported only to compute
-
-        n, size, stride = state.size, state.z.size - 1, self.stride(state)
-        samples, basis, _ = bases(state, stride)
-        forced = self.forced(state, stride)
-        force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
-        leading_samples(state.z, basis, forced, stride, force, force_rate, tangent)
+        samples, n, size, columns = 4 * state.harmonics + 4, state.size, state.z.size - 1, 1 + 2 * state.harmonics
+        forces, basis = self._forces(state, samples), basis_at(samples, 2 * state.harmonics)
         residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
-        self.balance.balance(
-            state.z, basis, forced.damping, state.periods, force, force_rate, tangent, residual, rate, jacobian
-        )
-        return residual, rate, jacobian
+        self.balance.balance(state.z, basis, self.model.damping, state.periods, *forces[:3], residual, rate, jacobian)
+        if forces.damping is None:
+            return residual, rate, jacobian
+        basis = basis[:, :columns]
+        project = 2.0 / samples * basis.T
+        project[0] *= 0.5
+        rates = basis @ rates_of(np.eye(columns)) / state.periods  # from coefficients to rates, over the frequency
+        rate += (project @ np.einsum("mij,mj->mi", forces.damping, rates @ state.coefficients)).ravel()
+        effect = state.omega * rates[:, :, None, None] * forces.damping[:, None]
+        of_damping = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
+        return residual, rate, jacobian + of_damping.transpose(0, 2, 1, 3).reshape(size, size)
 
     def _newton(
         self, state: State, direction: np.ndarray, target: float, active: np.ndarray
@@ -276,9 +279,11 @@ class Solver:
         full = state.full(self.model)
         sizes = [2 * (part.stop - part.start) for part in parts]
         matrices = [np.empty((size, size)) for size in (*sizes, 0)]
+        phases = (4 * state.harmonics + 4) * stride
         least = self.floquet.monodromies(
-            full.z, bases(state, stride)[2], self.forced(full, stride), state.periods, matrices[0], matrices[1]
-        )
+            full.z, basis_at(phases, state.harmonics), self.model.forced(full.size, phases, state.periods), state.periods,
+            matrices[0], matrices[1],
+        )  # fmt: skip
         decay = np.exp(-np.pi * self.model.damping * state.periods / state.omega)
         return [matrix * decay for matrix in matrices[: len(parts)]], float(least)
 
