@@ -240,9 +240,9 @@ def exact_verlet(
     low, high
         Extremes of the link tensions over all steps (n,) [N], or without entries; changed.
     """
-    q, v, acceleration, (r, m), saved, step = state[0], state[1], state[2], exact.slopes.shape, 0, damped.step
+    q, v, acceleration, (r, m), step = state[0], state[1], state[2], exact.slopes.shape, damped.step
     predicted, accepted, tension = work.stretch[0], work.stretch[1], work.tension
-    f, rates = work.vectors[0], work.vectors[1]
+    f, rates, saved = work.vectors[0], work.vectors[1], record.first
     for i in range(boundary_data.shape[0]):
         number, row = begin + i, boundary_data[i]
         for j in range(r):
@@ -270,9 +270,9 @@ def exact_verlet(
         for j in range(r):
             new_rate = damped.decay[0] * v[j] + damped.impulse[0] * f[j]
             if is_output:
-                record.coordinates[saved * r + j] = q[j]
-                record.half_step_rates[2 * saved * r + j] = v[j]
-                record.half_step_rates[(2 * saved + 1) * r + j] = new_rate
+                record.coordinates[0, saved, j] = q[j]
+                record.half_step_rates[0, saved, 0, j] = v[j]
+                record.half_step_rates[0, saved, 1, j] = new_rate
             acceleration[j] = (new_rate - v[j]) / step
             v[j] = new_rate
             q[j] += step * v[j]

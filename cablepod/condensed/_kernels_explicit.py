@@ -82,10 +82,10 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
     -----
     M. M. Chawla, Numerov made explicit has better stability, BIT 24, 117 (1984).
     """
-    n = len(sizes.modes) * len(sizes.lanes)
-    h, saved = damped.step, 0
+    lanes, size = len(sizes.lanes), len(sizes.modes)
+    n, h, saved = size * lanes, damped.step, record.first
     q, v, before, earlier, f, predicted, new_f, tension = state
-    next_output = record.steps[0] if record.steps.size else -1
+    next_output = record.steps[saved] if saved < record.steps.size else -1
     for i in range(steps + 1):
         number = begin + i
         if i > 0 and number == 1:
@@ -109,16 +109,18 @@ def numerov(sizes, terms, bounds, links, damped, rows, steps, state, begin, reco
         if links is not None and links.low.size:
             _update_extremes(sizes, links, rows[i], q, tension)
         if number == next_output:
-            for k in range(n):
-                damping, decay, rate = damped.damping[k], damped.decay[k], v[k]
-                if number > 0:
-                    past = decay * (6.0 * before[k] - decay * earlier[k])
-                    rate += h / 24.0 * (7.0 * f[k] + past) - 0.5 * damping * q[k]
-                change = 0.5 * h * (f[k] - 0.25 * damping * damping * q[k] - damping * rate)
-                record.coordinates[saved * n + k] = q[k]
-                if record.half_step_rates.size:
-                    record.half_step_rates[2 * saved * n + k] = rate - change
-                    record.half_step_rates[(2 * saved + 1) * n + k] = rate + change
+            for j in range(size):
+                for m in range(lanes):
+                    k = j * lanes + m
+                    damping, decay, rate = damped.damping[k], damped.decay[k], v[k]
+                    if number > 0:
+                        past = decay * (6.0 * before[k] - decay * earlier[k])
+                        rate += h / 24.0 * (7.0 * f[k] + past) - 0.5 * damping * q[k]
+                    change = 0.5 * h * (f[k] - 0.25 * damping * damping * q[k] - damping * rate)
+                    record.coordinates[m, saved, j] = q[k]
+                    if record.half_step_rates.size:
+                        record.half_step_rates[m, saved, 0, j] = rate - change
+                        record.half_step_rates[m, saved, 1, j] = rate + change
             saved += 1
             next_output = record.steps[saved] if saved < record.steps.size else -1
 
@@ -138,9 +140,10 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
     sizes, terms, bounds, links, damped, rows, steps, begin, record, monitor
         As in :func:`numerov`, without a row after the last step.
     """
-    n, saved = len(sizes.modes) * len(sizes.lanes), 0
+    lanes, size = len(sizes.lanes), len(sizes.modes)
+    n, saved = size * lanes, record.first
     q, v, before, _, f, u, work, tension = state
-    next_output = record.steps[0] if record.steps.size else -1
+    next_output = record.steps[saved] if saved < record.steps.size else -1
     for i in range(steps):
         number = begin + i
         _forces(sizes, terms, rows[i], q, tension, f)
@@ -154,10 +157,11 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
         if links is not None and links.low.size:
             _update_extremes(sizes, links, rows[i], q, tension)
         if number == next_output:
-            for k in range(n):
-                record.coordinates[saved * n + k] = q[k]
-                if record.half_step_rates.size:
-                    record.half_step_rates[2 * saved * n + k] = v[k]
+            for j in range(size):
+                for m in range(lanes):
+                    record.coordinates[m, saved, j] = q[j * lanes + m]
+                    if record.half_step_rates.size:
+                        record.half_step_rates[m, saved, 0, j] = v[j * lanes + m]
         for k in range(n):
             v[k] = damped.decay[k] * v[k] + damped.impulse[k] * f[k]
         if rate_terms is not None and rate_terms.dampers.size:
@@ -166,8 +170,9 @@ def verlet(sizes, terms, bounds, links, damped, rate_terms, air, rows, steps, st
             _apply_dampers(rate_terms.dampers, v, u, work)
         if number == next_output:
             if record.half_step_rates.size:
-                for k in range(n):
-                    record.half_step_rates[(2 * saved + 1) * n + k] = v[k]
+                for j in range(size):
+                    for m in range(lanes):
+                        record.half_step_rates[m, saved, 1, j] = v[j * lanes + m]
             saved += 1
             next_output = record.steps[saved] if saved < record.steps.size else -1
         for k in range(n):

@@ -17,11 +17,10 @@ from cablepod.discretisation._kernels_dense import _solve
 @compiled(counted=False)
 def _save_implicit(q, v, acceleration, step, record, saved):
     """Save the coordinates (r,) of a step, and the rates half a step before and after it, as output number `saved`."""
-    r = q.size
-    for j in range(r):
-        record.coordinates[saved * r + j] = q[j]
-        record.half_step_rates[2 * saved * r + j] = v[j] - 0.5 * step * acceleration[j]
-        record.half_step_rates[(2 * saved + 1) * r + j] = v[j] + 0.5 * step * acceleration[j]
+    for j in range(q.size):
+        record.coordinates[0, saved, j] = q[j]
+        record.half_step_rates[0, saved, 0, j] = v[j] - 0.5 * step * acceleration[j]
+        record.half_step_rates[0, saved, 1, j] = v[j] + 0.5 * step * acceleration[j]
 
 
 @compiled(counted=False)
@@ -113,7 +112,7 @@ def trapezoidal(sizes, terms, bounds, links, step, damping, modal_damping, rows,
         Number of steps done; fewer than asked for where Newton's method did not converge.
     """
     q, v, acceleration = state[0], state[1], state[2]
-    r, saved = q.size, 0
+    r, saved = q.size, record.first
     tangent, vectors, tension = np.empty((r, r)), np.empty((5, r)), np.empty(1)
     f, change, q_start, rates, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     for j in range(r):
@@ -188,7 +187,7 @@ def exact_trapezoidal(
     :func:`cablepod.condensed._kernels_exact.exact_verlet` and
     :func:`cablepod.condensed._kernels_implicit.trapezoidal`.
     """
-    q, v, acceleration, saved, steps = state[0], state[1], state[2], 0, boundary_data.shape[0] - 1
+    q, v, acceleration, saved, steps = state[0], state[1], state[2], record.first, boundary_data.shape[0] - 1
     r, tangent, vectors, tension = q.size, work.tangent, work.vectors, work.tension
     f, change, q_start, rates, previous_acceleration = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     for j in range(r):

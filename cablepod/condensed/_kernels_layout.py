@@ -154,10 +154,16 @@ class Record(NamedTuple):
     """Steps that are saved, and where."""
 
     steps: np.ndarray  #: numbers of the steps (outputs,)
-    coordinates: np.ndarray  #: filled: coordinates (outputs, r, lanes)
+    first: int  #: index of the first one from which a kernel saves
+    coordinates: np.ndarray  #: filled: coordinates (lanes, outputs, r)
     half_step_rates: (
         np.ndarray
-    )  #: filled: rates half a step before and after (outputs, 2, r, lanes), or without entries
+    )  #: filled: rates half a step before and after (lanes, outputs, 2, r), or without outputs
+
+    @classmethod
+    def at(cls, begin: int, steps: np.ndarray, coordinates: np.ndarray, half_step_rates: np.ndarray) -> Record:
+        """Return the record of a run that goes on from step number `begin`."""
+        return cls(steps, int(np.searchsorted(steps, begin)), coordinates, half_step_rates)
 
 
 class ExactTerms(NamedTuple):

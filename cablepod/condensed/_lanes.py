@@ -1,13 +1,15 @@
-"""Members side by side in lanes: their coefficients as the explicit steps take them, and results of runs with equal steps."""
+"""Members side by side: their coefficients and starts, and runs with equal steps in lanes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import (
     MIN_FORCE,
     MIN_FORCE_STEP,
@@ -21,16 +23,21 @@ from cablepod.condensed._kernels_layout import (
     Record,
     constant_sizes,
 )
+from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._newton import equilibria
+from cablepod.condensed._rescale import MemberStates, RescaledCoefficients, rescale_coefficients
 from cablepod.condensed._runs import STABLE_PHASE
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER, damped_step
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.discretisation._chord_frame import normals_at_start
+from cablepod.discretisation._mass_damping import decay_and_impulse
+from cablepod.discretisation._step_limit import largest_frequencies_squared, verlet_step_limit
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import steps_within
-from cablepod.parameters._parameters import positions_of_ends
-from cablepod.parameters._time_functions import TimeFunction
+from cablepod.parameters._parameters import Parameters
 
 if TYPE_CHECKING:
-    from cablepod.condensed._batch import MemberCoefficients
+    from cablepod.condensed._batch import BatchPlan
 
 #: Number of lanes: the numbers of so many members fit in the first cache; a constant of the compiled steps.
 LANES = 32
@@ -39,45 +46,119 @@ BLOCK = 512
 
 
 @dataclass(frozen=True)
-class MemberEnds:
-    """Ends of stacked members that move by sines."""
+class MemberCoefficients:
+    """Rescaled coefficients of members, and their starts; all arrays have a leading dimension of members."""
 
-    initial: np.ndarray  #: ends at rest (members, 2, dims) [m]
-    motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacements [m]
+    unit: CondensedModel
+    parameters: Parameters
+    total: np.ndarray  #: unstretched lengths [m]
+    rest_tension: np.ndarray  #: means of the tensions of both ends at rest [N]
+    reference: np.ndarray  #: first normals at the start (members, dims)
+    states: MemberStates
+    scaled: RescaledCoefficients
 
-    def take(self, part: np.ndarray) -> MemberEnds:
-        """Return the ends of some members."""
-        of_part = {
-            key: replace(motion, values={name: value[part] for name, value in motion.values.items()})
-            for key, motion in self.motions.items()
-        }
-        return MemberEnds(self.initial[part], of_part)
+    @classmethod
+    def of(cls, plan: BatchPlan, parameters: Parameters, statics: np.ndarray) -> MemberCoefficients:
+        """Rescale the coefficients of a unit cable, for the results of :func:`member_statics`."""
+        total = statics[:, 0].copy()
+        states = MemberStates.of(plan.unit, parameters, total, plan.end_time)
+        scaled = rescale_coefficients(plan.unit, parameters.mass, total, states)
+        reference = normals_at_start(parameters.ends[:, 1] - parameters.ends[:, 0])
+        return cls(plan.unit, parameters, total, 0.5 * (statics[:, 4] + statics[:, 5]), reference, states, scaled)
 
-    def positions(self, times: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Return positions, or their first or second derivatives (members, times, end, dims) [m]."""
-        return positions_of_ends(self.initial, self.motions, times, derivative)
+    def take(self, part: np.ndarray) -> MemberCoefficients:
+        """Return those of some members, by their numbers."""
+        scaled = RescaledCoefficients(
+            {name: values[part] for name, values in self.scaled.named.items()},
+            [basis[part] for basis in self.scaled.bases],
+            self.scaled.slope_norms_squared[part],
+        )
+        numbers = self.total[part], self.rest_tension[part], self.reference[part]
+        states = MemberStates(*(values[part] for values in self.states))
+        return MemberCoefficients(self.unit, self.parameters.take(part), *numbers, states, scaled)
 
-    @property
-    def rows(self) -> np.ndarray:
-        """Coordinate of the ends that each motion moves (motions,)."""
-        dims = self.initial.shape[-1]
-        rows = [dims * ENDS.index(end) + COORDINATES.index(axis) for end, axis in self.motions]
-        return np.array(rows, dtype=np.int64)
+    @cached_property
+    def terms(self) -> LeadingTerms:
+        """Coefficients of the forces to leading order, of one lane each."""
+        named, stiffness, length = self.scaled.named, self.parameters.stiffness[:, None], self.total[:, None]
+        count = len(length)
+        return LeadingTerms(
+            stiffness, 1.0 / length, 0.5 * stiffness / length, self.scaled.slope_norms_squared,
+            named["mean_chordwise_forces"], named["geometric_stiffness"].reshape(count, -1),
+            named["load_projection"].reshape(count, -1),
+        )  # fmt: skip
 
-    def for_rotations(self, damping: np.ndarray) -> np.ndarray:
-        """Return the motions (motions, MOTION_ROWS, members) of :mod:`cablepod.parameters._kernels_sines`.
+    def starts(self, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return coordinates, rates half a `step` before the start (members, r), step limits [s] and H [N] (members,)."""
+        from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
 
-        `damping` is the mass-proportional damping of the members [1/s].
+        parameters, model, start = self.parameters, self.unit, np.zeros(1)
+        chain, scaled, everyone, size = model.chain, self.scaled, np.arange(self.total.size), len(model.load_patterns)
+        rest = self.rows_at(start, moving=False)[:, 0]
+        # first guess: the parabola whose tension is that at rest
+        sigma = chain.arc_length / chain.total_length
+        sag = parameters.mass * self.total * 0.5 * self.total**2 / self.rest_tension
+        parabola = sag[:, None] * (scaled.named["shapes"] @ (chain.tributary_length * sigma * (1.0 - sigma)))
+        for k, which in enumerate(model.sets):
+            parabola[:, which] *= rest[:, 1 + (1 + k) * size, None]
+
+        chord_tension = np.empty(len(rest))
+
+        def forces(q: np.ndarray, part: np.ndarray, rows: np.ndarray = rest) -> tuple[np.ndarray, np.ndarray]:
+            force, tangent = np.empty_like(q), np.empty((*q.shape, q.shape[1]))
+            own = LeadingTerms(*(array[part] for array in self.terms))
+            kernel.leading_forces(own, rows[part], q, force, tangent, chord_tension[: len(q)])
+            return force, tangent
+
+        q, found = equilibria(parabola, forces)
+        q[~found] = np.nan
+        now = self.rows_at(start, moving=True)[:, 0]
+        f, _ = forces(q, everyone, now)
+        norms, kappa = scaled.named["geometric_stiffness_norms"], self.terms.kappa
+        stiffness = 2.0 * self.terms.sag_stiffness[:, 0]
+        limit = verlet_step_limit(np.sqrt(largest_frequencies_squared(kappa, norms, stiffness, q, now, chord_tension)))
+        v, speeds = np.zeros_like(q), self.speeds_of_frames
+        if speeds is not None:
+            v = (speeds[:, None] @ self.terms.load_projection.reshape(*speeds.shape, -1))[:, 0]
+        factor, back = decay_and_impulse(parameters.damping, -0.5 * step)
+        return q, factor[:, None] * v + back[:, None] * f, limit, chord_tension
+
+    @cached_property
+    def speeds_of_frames(self) -> np.ndarray | None:
+        """Loads along the normals (members, loads) whose projections are the rates of the coordinates; None without motions.
+
+        At the start the particles are at rest, the chord frame moves: its velocity is projected as its acceleration is.
         """
-        from cablepod.parameters._kernels_sines import MOTION_ROWS  # numba is imported only to compute
+        p, start = self.parameters, np.zeros(1)
+        if not p.motions:
+            return None
+        rows = self._projected(p.end_positions(start), p.end_positions(start, 1), np.zeros_like(p.load_at(0.0)))
+        return rows[:, 0, 1 + len(self.unit.load_patterns) :]
 
-        count = len(self.initial)
-        initial = self.initial.reshape(count, -1)
-        motions = np.empty((len(self.motions), MOTION_ROWS, count))
-        for row, motion, values in zip(self.rows, self.motions.values(), motions, strict=True):
-            numbers = *motion.sine, initial[:, row], damping, motion.ramp
-            values[:] = [np.broadcast_to(np.ravel(number), count) for number in numbers]
-        return motions
+    def rows_at(self, times: np.ndarray, *, moving: bool) -> np.ndarray:
+        """Return the boundary data at times [s] (members, times, columns); if not `moving`, of ends at rest."""
+        p = self.parameters
+        ends, load = p.end_positions(times), p.load_at(0.0)
+        if not p.motions:
+            return self._projected(ends, None, load)
+        accelerations = np.zeros_like(ends)
+        if moving:
+            # damping acts on the motion of the chord frame too
+            accelerations = p.end_positions(times, 2) + p.damping[:, None, None, None] * p.end_positions(times, 1)
+        return self._projected(ends, accelerations, load)
+
+    def _projected(self, ends: np.ndarray, accelerations: np.ndarray | None, load: np.ndarray) -> np.ndarray:
+        """Return boundary data (members, times, columns) for ends and accelerations (members, times, 2, dims), and loads."""
+        count, times, _, dims = ends.shape
+
+        def rows(values: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(values.reshape(count * times, 2 * dims).T)
+
+        loads, mass, reference = (
+            np.repeat(array, times, axis=0) for array in (load, self.parameters.mass, self.reference)
+        )
+        still = np.empty((2 * dims, 0)) if accelerations is None else rows(accelerations)
+        return chord_and_loads(rows(ends), still, loads.T, mass, reference).reshape(count, times, -1)
 
 
 @dataclass(frozen=True)
@@ -87,7 +168,7 @@ class LaneResults:
     instants: OutputTimes
     saved: np.ndarray  #: coordinates at the saved steps (members, steps, r)
     half_step_rates: np.ndarray  #: rates half a step before and after (members, steps, 2, r), or without steps
-    boundary_data: np.ndarray  #: boundary data at the saved steps (members, steps, columns), or without steps
+    saved_boundary_data: np.ndarray  #: boundary data at the saved steps (members, steps, columns)
     low: np.ndarray  #: least tensions (members, links or 0) [N]
     high: np.ndarray  #: largest tensions (members, links or 0) [N]
     least_force: np.ndarray  #: least chordwise forces (members,) [N]
@@ -97,188 +178,144 @@ class LaneResults:
     @property
     def q(self) -> np.ndarray:
         """Coordinates at the instants of the output (members, times, r)."""
-        saved = np.swapaxes(self.saved, 0, 1)
-        left = self.instants.left
         if not self.instants.needs_interpolation:
-            return self.saved if np.array_equal(left, np.arange(self.saved.shape[1])) else self.saved.take(left, axis=1)
+            return self._at_output_times(self.saved)
+        saved = np.swapaxes(self.saved, 0, 1)
         before, after = (np.swapaxes(self.half_step_rates[:, :, k], 0, 1) for k in (0, 1))
         rates, accelerations = 0.5 * (before + after), (after - before) * self.instants.steps_per_second
         return np.ascontiguousarray(np.swapaxes(self.instants.at_times(saved, rates, accelerations), 0, 1))
 
+    @property
+    def boundary_data(self) -> np.ndarray | None:
+        """Boundary data at the instants of the output (members, times, columns); None where these lie between steps."""
+        return None if self.instants.needs_interpolation else self._at_output_times(self.saved_boundary_data)
+
+    def _at_output_times(self, saved: np.ndarray) -> np.ndarray:
+        """Return what is saved at the instants of the output, all of which are steps."""
+        left = self.instants.left
+        return saved if np.array_equal(left, np.arange(saved.shape[1])) else saved.take(left, axis=1)
+
+    def only(self, times: np.ndarray) -> LaneResults:
+        """Return the results with some of the instants of the output [s]."""
+        return replace(self, instants=self.instants.only(times))
+
 
 class Lanes:
-    """Members of a batch for the explicit steps; :meth:`advance` runs some of them with one step.
+    """Members, LANES at most, for the explicit steps; :meth:`advance` runs them with equal steps.
 
     Parameters
     ----------
-    batch
+    plan
+        Request of the batch.
+    members
         Parameters and coefficients.
-    scheme
-        An explicit scheme.
     """
 
-    def __init__(self, batch: MemberCoefficients, scheme: str) -> None:
-        self.batch, self.scheme = batch, scheme
-        p, unit = batch.parameters, batch.plan.unit
-        self.bound = DIVERGENCE_FACTOR * np.sqrt(p.mass * batch.total * unit.chain.tributary_length.sum()) * batch.total
+    def __init__(self, plan: BatchPlan, members: MemberCoefficients) -> None:
+        self.plan, self.count = plan, len(members.total)
+        self.numbers = np.minimum(np.arange(LANES), self.count - 1)  #: of the member in each lane; the last one repeats
+        members = members if self.count == LANES else members.take(self.numbers)
+        p, named, unit = members.parameters, members.scaled.named, members.unit
         patterns = len(unit.load_patterns)
+        self.unit, self.damping, self.columns = unit, p.damping, 1 + patterns * p.dims
         self.sizes = constant_sizes(sum(unit.ranks), patterns, patterns * (p.dims - 1), LANES)
-        candidates = np.swapaxes(batch.scaled.named["chordwise_forces_at_candidates"], 1, 2)
-        self.of_monitor = batch.scaled.named["geometric_stiffness_norms"], candidates
+        self.terms = LeadingTerms(*(_flat(array) for array in members.terms))
+        candidates = _flat(np.swapaxes(named["chordwise_forces_at_candidates"], 1, 2))
+        norms = _flat(named["geometric_stiffness_norms"])
+        self.bounds = Bounds(norms, candidates.reshape(-1, patterns * LANES), np.empty(LANES))
+        chosen = slice(None) if plan.links is None else plan.links
+        if "tension_extremes" not in plan.outputs:
+            chosen = slice(0)
+        self.tables = tuple(
+            _flat(named[name][:, :, chosen]).reshape(named[name].shape[1], -1)
+            for name in ("slopes", "chordwise_force_patterns")
+        )  #: slopes and chordwise force patterns of the links (r or patterns, links lanes)
+        mass = p.mass * members.total * unit.chain.tributary_length.sum()
+        self.bound = DIVERGENCE_FACTOR * np.sqrt(mass) * members.total  #: of coordinates
+        self._prepare_ends(members)
 
-    def advance(
-        self,
-        part: np.ndarray,
-        instants: OutputTimes,
-        q: np.ndarray,
-        v: np.ndarray,
-        *,
-        extremes: bool,
-        rates: bool,
-        loads: bool,
-    ) -> LaneResults:
-        """Run the members with the numbers `part`, with the steps of `instants`.
+    def _prepare_ends(self, members: MemberCoefficients) -> None:
+        """Prepare the arguments of the kernel of the boundary data, see there."""
+        from cablepod.parameters._kernels_sines import MOTION_ROWS, TURN_ROWS  # numba is imported only to compute
 
-        `q` and `v` are coordinates and rates of all members at the start, the latter half a step before for velocity Verlet;
-        `extremes`, `rates` and `loads` tell whether extremes of tensions, rates and boundary data are kept.
-        """
-        plan, count, r = self.batch.plan, part.size, q.shape[1]
-        saved = instants.steps.size
-        columns = 1 + len(self.sizes.patterns) + len(self.sizes.normal_loads)
-        links = 0 if not extremes else plan.unit.chain.links if plan.links is None else plan.links.size
-        shapes = (
-            (saved, r),
-            (saved if rates else 0, 2, r),
-            (saved if loads else 0, columns),
-            (links,),
-            (links,),
-            (MONITOR_ROWS,),
-        )
-        groups = -(-count // LANES)
-        results = [np.empty((groups * LANES, *shape)) for shape in shapes]
-        final = np.empty((groups * LANES, r))
-        for g in range(groups):
-            lanes = slice(g * LANES, (g + 1) * LANES)
-            members = part[np.minimum(np.arange(lanes.start, lanes.stop), count - 1)]  # the last lanes repeat a member
-            group = _Group(self, members, instants, q[members], v[members], links, rates=rates, loads=loads)
-            group.run()
-            for result, values in zip(results, group.results(), strict=True):
-                result[lanes] = values
-            final[lanes] = group.state.q.reshape(r, LANES).T
-        coordinates, half_step_rates, boundary_data, low, high, monitor = (result[:count] for result in results)
-        completed = (np.abs(final[:count]) < self.bound[part, None]).all(axis=1) & np.isinf(monitor[:, UNSTABLE_STEP])
-        least_force, least_force_step = monitor[:, MIN_FORCE], monitor[:, MIN_FORCE_STEP]
-        return LaneResults(
-            instants, coordinates, half_step_rates, boundary_data, low, high, least_force, least_force_step, completed
-        )
-
-
-class _Group:
-    """One group of lanes in a run with equal steps."""
-
-    def __init__(
-        self,
-        lanes: Lanes,
-        members: np.ndarray,
-        instants: OutputTimes,
-        q: np.ndarray,
-        v: np.ndarray,
-        links: int,
-        *,
-        rates: bool,
-        loads: bool,
-    ) -> None:
-        batch, p = lanes.batch, lanes.batch.parameters
-        plan, named = batch.plan, batch.scaled.named
-        self.lanes, self.instants, self.r = lanes, instants, q.shape[1]
-        self.terms = LeadingTerms(*(_flat(array[members]) for array in batch.terms))
-        norms, candidates = (array[members] for array in lanes.of_monitor)
-        by_candidate = np.moveaxis(candidates, 0, -1).reshape(candidates.shape[1], -1)
-        self.bounds = Bounds(_flat(norms), np.ascontiguousarray(by_candidate), np.empty(LANES))
-        chosen = np.arange(links) if plan.links is None else plan.links[:links]
-        tables = (named[name][members][:, :, chosen] for name in ("slopes", "chordwise_force_patterns"))
-        slopes, patterns = (np.moveaxis(table, 0, -1).reshape(table.shape[1], -1) for table in tables)
-        size = links * LANES
-        low, high = np.full(size, np.inf), np.full(size, -np.inf)
-        self.links = Links.of(slopes, plan.unit.n_in_plane, patterns, low, high)
-        none = np.empty(0)
-        self.links_outside = (
-            self.links._replace(low=none, high=none) if links else None
-        )  #: of the window; None: no extremes
-        self.damped = damped_step(np.tile(p.damping[members], self.r), 1.0 / instants.steps_per_second, lanes.scheme)
-        self.state = ExplicitState.of(_flat(q), _flat(v), np.zeros(q.size), LANES)
-        limit = (STABLE_PHASE[lanes.scheme] * instants.steps_per_second) ** 2
-        self.monitor = np.zeros((MONITOR_ROWS, LANES))
-        self.monitor[[MIN_FORCE, UNSTABLE_STEP]], self.monitor[OMEGA_SQUARED_LIMIT] = np.inf, limit
-        saved, columns = instants.steps.size, 1 + len(lanes.sizes.patterns) + len(lanes.sizes.normal_loads)
-        self.coordinates = np.empty((saved, self.r, LANES))
-        self.rates = np.empty((saved if rates else 0, 2, self.r, LANES))
-        self.boundary_data = np.empty((saved if loads else 0, columns, LANES))
-        ends = batch.ends.take(members)
-        motions, moved = ends.for_rotations(p.damping[members]), ends.rows
-        count, dims = len(moved), p.dims
-        work = np.empty((count, 5, LANES)), np.empty((count, 2, 4, LANES)), np.empty((9, LANES))
-        reference = None if dims == 2 else np.ascontiguousarray(batch.reference[members].T)
-        self.of_ends = moved, motions, work
-        self.of_frames = (
-            _flat(p.ends[members]).reshape(2 * dims, LANES), np.zeros((2 * dims, LANES)),
-            np.ascontiguousarray(batch.load[members, :, 0].T), p.mass[members], reference,
+        p, dims = members.parameters, members.parameters.dims
+        ends = p.ends.reshape(LANES, 2 * dims).T.copy()
+        moved = [dims * ENDS.index(end) + COORDINATES.index(axis) for end, axis in p.motions]
+        motions = np.empty((len(moved), MOTION_ROWS, LANES))
+        for row, motion, values in zip(moved, p.motions.values(), motions, strict=True):
+            numbers = *motion.sine, ends[row], p.damping, motion.ramp
+            values[:] = [np.broadcast_to(np.ravel(number), LANES) for number in numbers]
+        work = (
+            np.empty((len(moved), TURN_ROWS, LANES)), np.empty((len(moved), 2, 4, LANES)), np.empty((9, LANES)),
         )  # fmt: skip
-        self.rows = np.empty((BLOCK + 1, columns * LANES))
+        reference = None if dims == 2 else members.reference.T.copy()
+        self.of_ends = np.array(moved, dtype=np.int64), motions, work
+        self.of_frames = ends, np.zeros_like(ends), p.load_at(0.0).T.copy(), p.mass, reference
+        self.rows = np.empty((BLOCK + 1, self.columns * LANES))  #: boundary data of a block of steps
 
-    def run(self) -> None:
-        """Take all steps, block by block; blocks end at the borders of the window of the extremes."""
+    def advance(self, instants: OutputTimes, q: np.ndarray, v: np.ndarray, *, extremes: bool) -> LaneResults:
+        """Run the members with the steps of `instants`.
+
+        `q` and `v` are coordinates and rates at the start, the latter half a step before for velocity Verlet; `extremes` tells
+        whether extremes of tensions are kept.  Velocity Verlet keeps no rates.
+        """
         from cablepod.condensed import _kernels_explicit as kernel  # numba is imported only to compute
 
-        lanes, steps = self.lanes, self.instants.steps
-        is_verlet = lanes.scheme != FOURTH_ORDER
-        total = int(steps[-1])
-        window = lanes.batch.plan.window
-        first, last = (0, total) if window is None else steps_within(window, self.instants.steps_per_second)
-        starts = sorted({*range(0, total + 1, BLOCK), first, min(last + is_verlet, total + is_verlet)})
-        ends = [*starts[1:], total + is_verlet]
-        for begin, end in zip(starts, ends, strict=True):
-            count = end - begin  # steps of Numerov's method, rows of velocity Verlet
-            if count <= 0 and not (begin == 0 and not is_verlet):
-                continue
-            rows = self._boundary_data(begin, max(count - is_verlet, min(2, total) if begin == 0 else 0))
-            from_saved, to_saved = np.searchsorted(steps, [begin, end if is_verlet or end < total else end + 1])
-            saved = slice(int(from_saved), int(to_saved))
-            self._keep_boundary_data(rows, begin, saved)
-            rates = self.rates[saved].reshape(-1) if len(self.rates) else self.rates.reshape(-1)
-            record = Record(steps[saved], self.coordinates[saved].reshape(-1), rates)
-            counts = self.links_outside is not None and first <= begin and end - is_verlet <= last
-            shared = lanes.sizes, self.terms, self.bounds, self.links if counts else self.links_outside, self.damped
-            outputs = self.state, begin, record, self.monitor.reshape(-1)
+        rate, saved, r, scheme = instants.steps_per_second, instants.steps, q.shape[1], self.plan.scheme
+        is_verlet, total = scheme != FOURTH_ORDER, int(saved[-1])
+        start = _flat(q[self.numbers]), _flat(v[self.numbers])
+        state = ExplicitState.of(*start, np.zeros(r * LANES), LANES)
+        damped = damped_step(np.tile(self.damping, r), 1.0 / rate, scheme)
+        monitor = np.zeros((MONITOR_ROWS, LANES))
+        monitor[[MIN_FORCE, UNSTABLE_STEP]], monitor[OMEGA_SQUARED_LIMIT] = np.inf, (STABLE_PHASE[scheme] * rate) ** 2
+        slopes, patterns = self.tables
+        size, none = slopes.shape[1] if extremes else 0, np.empty(0)
+        low, high = np.full(size, np.inf), np.full(size, -np.inf)
+        links = Links(slopes, self.unit.n_in_plane, patterns, low, high) if size else None
+        outside = None if links is None else links._replace(low=none, high=none)  # of the window
+        coordinates, boundary_data = np.empty((LANES, saved.size, r)), np.empty((LANES, saved.size, self.columns))
+        rates = np.empty((LANES, 0 if is_verlet else saved.size, 2, r))
+        for begin, end, counts in self._blocks(total, rate):
+            steps = end - begin - is_verlet
+            rows = self._boundary_data(begin, steps if begin else max(steps, min(2, total)), rate)
+            record = Record.at(begin, saved, coordinates, rates)
+            kept = slice(record.first, int(np.searchsorted(saved, begin + len(rows))))
+            of_steps = rows[saved[kept] - begin].reshape(-1, self.columns, LANES)
+            boundary_data[:, kept] = of_steps.transpose(2, 0, 1)
+            shared = self.sizes, self.terms, self.bounds, links if counts else outside, damped
+            outputs = state, begin, record, monitor.reshape(-1)
             if is_verlet:
-                kernel.verlet(*shared, None, None, rows, count, *outputs)
+                kernel.verlet(*shared, None, None, rows, end - begin, *outputs)
             else:
-                kernel.numerov(*shared, rows, count, *outputs)
+                kernel.numerov(*shared, rows, end - begin, *outputs)
+        completed = (np.abs(state.q.reshape(r, LANES)) < self.bound).all(axis=0) & np.isinf(monitor[UNSTABLE_STEP])
+        extremes_of_links = (array.reshape(-1, LANES).T for array in (low, high))
+        of_members = *extremes_of_links, *monitor[[MIN_FORCE, MIN_FORCE_STEP]], completed
+        results = coordinates, rates, boundary_data, *of_members
+        return LaneResults(instants, *(array[: self.count] for array in results))
 
-    def _boundary_data(self, begin: int, steps: int) -> np.ndarray:
+    def _blocks(self, total: int, rate: float) -> Iterator[tuple[int, int, bool]]:
+        """Yield begin and end of blocks of steps, and whether their extremes count: they end at the borders of the window.
+
+        Numerov's method takes `end - begin` steps; velocity Verlet takes one for each row of the boundary data, also the last.
+        """
+        is_verlet, window = self.plan.scheme != FOURTH_ORDER, self.plan.window
+        first, last = (0, total) if window is None else steps_within(window, rate)
+        starts = sorted({*range(0, total + 1, BLOCK), first, min(last, total) + is_verlet})
+        for begin, end in zip(starts, [*starts[1:], total + is_verlet], strict=True):
+            if end > begin or (begin == 0 and not is_verlet):
+                yield begin, end, first <= begin and end - is_verlet <= last
+
+    def _boundary_data(self, begin: int, steps: int, rate: float) -> np.ndarray:
         """Return the boundary data of the steps `begin` ... `begin + steps` (steps + 1, columns lanes)."""
         from cablepod.condensed import _kernels_frame as kernel
 
-        sizes, before = self.lanes.sizes, begin % BLOCK  # rotations start at whole blocks
+        before = begin % BLOCK  # rotations start at whole blocks
         rows = self.rows[: before + steps + 1]
-        moved, motions, work = self.of_ends
         kernel.boundary_data_of_lanes(
-            sizes.lanes, sizes.patterns, begin - before, before + steps, self.instants.steps_per_second, moved, motions, work,
-            *self.of_frames, rows,
+            self.sizes.lanes, self.sizes.patterns, begin - before, before + steps, rate, *self.of_ends, *self.of_frames, rows,
         )  # fmt: skip
         return rows[before:]
-
-    def _keep_boundary_data(self, rows: np.ndarray, begin: int, saved: slice) -> None:
-        """Keep the boundary data of the saved steps of a block."""
-        if len(self.boundary_data):
-            kept = self.boundary_data[saved]
-            kept[:] = rows[self.instants.steps[saved] - begin].reshape(kept.shape)
-
-    def results(self) -> tuple[np.ndarray, ...]:
-        """Return coordinates, rates, boundary data, extremes and monitor, members first."""
-        links = self.links.low.reshape(-1, LANES), self.links.high.reshape(-1, LANES)
-        arrays = self.coordinates, self.rates, self.boundary_data, *links, self.monitor
-        return tuple(np.moveaxis(array, -1, 0) for array in arrays)
 
 
 def _flat(array: np.ndarray) -> np.ndarray:

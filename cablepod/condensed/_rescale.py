@@ -106,7 +106,7 @@ def rescale_coefficients(
         Reference states of the scenes, which turn the coordinates; None without terms of second order.
     """
     by_load = load_scaling(unit, total)
-    names = ("load_patterns", "chordwise_force_patterns", "mean_chordwise_forces", "chordwise_forces_at_candidates")
+    names = ("chordwise_force_patterns", "mean_chordwise_forces", "chordwise_forces_at_candidates")
     named = {name: _scale(by_load, getattr(unit, name)) for name in names}
     of_shapes = rescale_shapes(unit, mass, total, by_load, states)
     return of_shapes._replace(named=named | of_shapes.named)

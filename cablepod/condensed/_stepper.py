@@ -166,8 +166,7 @@ class CondensedStepper:
         table = run.model.boundary_data if run.boundary_data is None else run.boundary_data
         boundary_data = table(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
         self.boundary_data[first:last] = boundary_data[output_steps[first:last] - begin]
-        saved = (array[first:last].reshape(-1) for array in (self.saved, self.half_step_rates))
-        record = Record(output_steps[first:last], *saved)
+        record = Record.at(begin, output_steps, self.saved[None], self.half_step_rates[None])
         advance = self._advance_leading if run.leading else self._advance_exact
         done = advance(boundary_data, begin, steps, record)
         # not a number is not below the bound either

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
 from typing import Any, Protocol
 
@@ -168,6 +168,15 @@ class Parameters:
     bare: Parameters | None = None
     expansion: Any = 1.0  #: unstretched length over that of `bare`
     temperatures: tuple[Any, Any] | None = None  #: temperature and reference temperature [degC]; None without
+
+    def take(self, part: np.ndarray) -> Parameters:
+        """Return the parameters of some of stacked members, by their numbers."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        arrays = {name: value[part] for name, value in values.items() if isinstance(value, np.ndarray) and value.ndim}
+        if self.temperatures is not None:
+            arrays["temperatures"] = tuple(value[part] if np.ndim(value) else value for value in self.temperatures)
+        motions = {key: motion.take(part) for key, motion in self.motions.items()}
+        return replace(self, **arrays, motions=motions, bare=None if self.bare is None else self.bare.take(part))
 
     @cached_property
     def dims(self) -> int:

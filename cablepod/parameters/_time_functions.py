@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -105,6 +105,10 @@ class TimeFunction:
     def _unramped(self, time: Array, derivative: int) -> Array:
         """Evaluate the function without its ramp."""
         return getattr(self, f"_{self.kind}")(time, derivative)
+
+    def take(self, part: np.ndarray) -> TimeFunction:
+        """Return the functions of some of stacked members, by their numbers."""
+        return replace(self, values={name: value[part] for name, value in self.values.items()})
 
     @property
     def ramp(self) -> Any:

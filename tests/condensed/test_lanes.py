@@ -13,7 +13,7 @@ import cablepod as cp
 from cablepod.batch import _members as members
 from cablepod.catenary._statics import load_plane, load_planes, member_statics, solve_statics
 from cablepod.condensed import _batch as condensed_batch
-from cablepod.condensed import _batch_fitted as fitted
+from cablepod.condensed._lanes import MemberCoefficients
 from cablepod.discretisation import _similarity as similarity
 from cablepod.parameters._from_scene import Members
 
@@ -99,14 +99,14 @@ def test_unsupported_requests_fall_back_to_single_runs(soft, alone):
 
 def test_members_without_an_equilibrium_fall_back_to_single_runs(soft, alone, monkeypatch):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
-    truth, start = single_runs(scenes, modes, **GIVEN), condensed_batch.CondensedBatch.starts
+    truth, start = single_runs(scenes, modes, **GIVEN), MemberCoefficients.starts
     alone.clear()
 
-    def without_equilibrium(batch, step):
-        q, v, limit, chord_tension = start(batch, step)
-        return q, v, np.where(batch.parameters.length_value == 300.0, np.nan, limit), chord_tension
+    def without_equilibrium(coefficients, step):
+        q, v, limit, chord_tension = start(coefficients, step)
+        return q, v, np.where(coefficients.parameters.length_value == 300.0, np.nan, limit), chord_tension
 
-    monkeypatch.setattr(condensed_batch.CondensedBatch, "starts", without_equilibrium)
+    monkeypatch.setattr(MemberCoefficients, "starts", without_equilibrium)
     assert_close(cp.condensed.simulate(scenes, modes, **GIVEN), truth)
     assert alone == [300.0]
 
@@ -115,20 +115,20 @@ def test_members_that_need_a_third_run_run_alone(soft, alone, monkeypatch):
     scenes, modes = scenes_of(soft, ONE, {"cable_top_tension": [200.0, 300.0, 230.0]}), full_modes()
     cp.condensed.simulate(scenes, modes, **FITTED)
     assert not alone
-    original = fitted.FittedBatch._run_group
+    fit = condensed_batch.fit
 
-    def refused(self, lanes, part, *arguments):
-        done = original(self, lanes, part, *arguments)
-        done.completed[self.parameters.length_value[part] == 300.0] = False
-        return done
+    def refused(lanes, coefficients, *arguments):
+        done, errors = fit(lanes, coefficients, *arguments)
+        done.completed[coefficients.parameters.length_value == 300.0] = False
+        return done, errors
 
-    monkeypatch.setattr(fitted.FittedBatch, "_run_group", refused)
+    monkeypatch.setattr(condensed_batch, "fit", refused)
     run = cp.condensed.simulate(scenes, modes, **FITTED)
     assert alone == [300.0]
     assert_close(run, single_runs(scenes, modes, **FITTED))
 
 
-def test_bits_depend_neither_on_threads_nor_on_what_is_saved_at_once(soft, monkeypatch):
+def test_bits_do_not_depend_on_threads(soft):
     scenes, modes, runs = scenes_of(soft, BOTH, MANY), full_modes(), []
     for count in (1, 2, 5):
         seen = []
@@ -139,11 +139,6 @@ def test_bits_depend_neither_on_threads_nor_on_what_is_saved_at_once(soft, monke
         assert len(seen) > 1
     for run in runs[1:]:
         xr.testing.assert_identical(runs[0], run)
-    whole = cp.condensed.simulate(scenes, modes, **FITTED)
-    monkeypatch.setattr(fitted, "MAX_SAVED", 1)  # at least all lanes
-    part = cp.condensed.simulate(scenes, modes, **FITTED)
-    for name in ("amplitude", "tension", "error_estimate"):
-        np.testing.assert_array_equal(part[name], whole[name], err_msg=name)
 
 
 @pytest.mark.parametrize("dims", [2, 3])
