@@ -17,7 +17,7 @@ from cablepod.condensed._fields import CondensedTrajectory, close_outputs, posit
 from cablepod.condensed._kernels_layout import UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import stop_diverged, stop_open, stop_unstable
-from cablepod.condensed._stepper import FOURTH_ORDER, BoundaryDataOfTwo, CondensedStepper
+from cablepod.condensed._stepper import FOURTH_ORDER, CondensedStepper
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
@@ -224,7 +224,7 @@ def _fitted(run: CondensedRun, first_step: float, limit: float) -> CondensedResu
     error, tolerance, root_mass = 0.0, math.inf, model.root_total_mass
     orders = {"order": run.order, "first_order": FOURTH_ORDER_AT_FIRST}
     runs = run.comparable(first_step, whole_steps_per_second, **orders)
-    run = replace(cast(CondensedRun, runs.run), boundary_data=BoundaryDataOfTwo(model, runs.steps_per_second))
+    run = cast(CondensedRun, runs.run)
     runs_done = 0
 
     def integrate(steps_per_second: float) -> CondensedTrajectory:
@@ -286,7 +286,6 @@ class CondensedRun(Run):
     #: Bound of the squared frequencies that samples for the error estimate resolve [1/s^2]; 0 for none
     sampled_omega_squared: float = 0.0
     air: CondensedAir | None = None  #: along the cable; None for still air
-    boundary_data: BoundaryDataOfTwo | None = None  #: of this run and another one; None for those of the model
 
     @property
     def cells(self) -> LumpedChain:

@@ -19,10 +19,8 @@ from cablepod.condensed._kernels_layout import (
     initial_monitor,
 )
 from cablepod.discretisation._mass_damping import decay_and_impulse, half_step_back
-from cablepod.integrate._march import BLOCK
 
 if TYPE_CHECKING:
-    from cablepod.condensed._model import CondensedModel
     from cablepod.condensed._runs import CondensedRun
 
 #: Name of the scheme of fourth order.
@@ -33,31 +31,6 @@ EXPLICIT = ("velocity_verlet", FOURTH_ORDER)
 MAX_CONSTANT_SIZE = 16
 #: Coordinates beyond this multiple of sqrt(mass) times length have diverged.
 DIVERGENCE_FACTOR = 1e6
-
-
-class BoundaryDataOfTwo:
-    """Boundary data of a run and of the next one with twice the steps: the first has every second row of the second.
-
-    Parameters
-    ----------
-    model
-        Model of the runs.
-    steps_per_second
-        Of the first run [1/s].
-    """
-
-    def __init__(self, model: CondensedModel, steps_per_second: float) -> None:
-        self.model, self.steps_per_second = model, steps_per_second
-        self.rows = np.empty((0, 0))  #: of the second run
-
-    def __call__(self, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
-        """Return the boundary data of the steps `begin` ... `begin + steps`, both included."""
-        if begin == 0 and 2 * steps < BLOCK and steps_per_second == self.steps_per_second:
-            self.rows = self.model.boundary_data(0, 2 * steps, 2.0 * steps_per_second)
-            return self.rows[::2].copy()
-        if begin == 0 and steps < len(self.rows) and steps_per_second == 2.0 * self.steps_per_second:
-            return self.rows[: steps + 1]
-        return self.model.boundary_data(begin, steps, steps_per_second)
 
 
 class CondensedStepper:
@@ -163,8 +136,7 @@ class CondensedStepper:
         final = begin + steps == self.total
         first = np.searchsorted(output_steps, begin)
         last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
-        table = run.model.boundary_data if run.boundary_data is None else run.boundary_data
-        boundary_data = table(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
+        boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
         self.boundary_data[first:last] = boundary_data[output_steps[first:last] - begin]
         record = Record.at(begin, output_steps, self.saved[None], self.half_step_rates[None])
         advance = self._advance_leading if run.leading else self._advance_exact
