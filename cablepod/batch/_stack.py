@@ -68,20 +68,13 @@ class MemberResults:
         )
         for name, (_, values) in variables.items():
             target = self.variables[name][1][first : first + completed.size]
-            if np.may_share_memory(values, target):  # filled in place
-                continue
-            if rows.size == completed.size:
-                target[:] = values
-            else:
+            if not np.may_share_memory(values, target):  # others are filled in place
                 target[rows] = values[rows]
         for row in rows.tolist():
             self.shapes[first + row] = self.shapes[first + i]
         for name, column in attrs.items():
-            if rows.size == completed.size:
-                self.attrs[name][first : first + completed.size] = column
-            else:
-                for row in rows.tolist():
-                    self.attrs[name][first + row] = column[row]
+            for row in rows.tolist():
+                self.attrs[name][first + row] = column[row]
 
     def check_shapes(self) -> None:
         """Refuse members whose arrays differ in shape from those of the first successful member."""
