@@ -123,7 +123,7 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
     if request.window is not None:
         request.instants(members[0])  # refuses a window outside of the run
     times = members[0].times() if request.times is None else request.times
-    batch = BatchPlan(
+    batch = CondensedPlan(
         modes, unit, members, outputs, request.links, members[0].duration or 0.0, request.window, times, step,
         request.scheme is None,
     )  # fmt: skip
@@ -143,7 +143,7 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
 
 
 @dataclass(frozen=True)
-class BatchPlan:
+class CondensedPlan:
     """Common data of all members; a call runs some of them."""
 
     modes: xr.Dataset
@@ -166,13 +166,13 @@ class BatchPlan:
         """Run the members `first` ... `last - 1`; return a mask of those completed, variables and attributes."""
         # invalid members become nan here: their single runs report the reason
         with np.errstate(all="ignore"):
-            return Batch(self, self.members.stacked(first, last)).run(rows)
+            return Chunk(self, self.members.stacked(first, last)).run(rows)
 
 
-class Batch:
+class Chunk:
     """Members of one chunk: their coefficients, and results."""
 
-    def __init__(self, plan: BatchPlan, parameters: Parameters) -> None:
+    def __init__(self, plan: CondensedPlan, parameters: Parameters) -> None:
         self.plan = plan
         statics, self.solved = member_statics(parameters)
         self.members = MemberCoefficients.of(plan, parameters, statics)

@@ -35,14 +35,14 @@ from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.reduced._validity import forcing_attributes
 
 if TYPE_CHECKING:
-    from cablepod.condensed._batch import BatchPlan
+    from cablepod.condensed._batch import CondensedPlan
 
 #: Minimum number of steps: the first one needs the loads of three instants.
 MIN_STEPS = 2
 
 
 def first_steps(
-    plan: BatchPlan, members: MemberCoefficients, limit: np.ndarray, chord_tension: np.ndarray
+    plan: CondensedPlan, members: MemberCoefficients, limit: np.ndarray, chord_tension: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Choose the steps of the first runs, as :func:`cablepod.condensed._runs.solve` does.
 

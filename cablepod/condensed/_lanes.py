@@ -13,8 +13,6 @@ from cablepod.condensed._frame import chord_and_loads
 from cablepod.condensed._kernels_layout import (
     MIN_FORCE,
     MIN_FORCE_STEP,
-    MONITOR_ROWS,
-    OMEGA_SQUARED_LIMIT,
     UNSTABLE_STEP,
     Bounds,
     ExplicitState,
@@ -22,6 +20,7 @@ from cablepod.condensed._kernels_layout import (
     Links,
     Record,
     constant_sizes,
+    initial_monitor,
 )
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import equilibria
@@ -37,7 +36,7 @@ from cablepod.integrate._window import steps_within
 from cablepod.parameters._parameters import Parameters
 
 if TYPE_CHECKING:
-    from cablepod.condensed._batch import BatchPlan
+    from cablepod.condensed._batch import CondensedPlan
 
 #: Number of lanes: the numbers of so many members fit in the first cache; a constant of the compiled steps.
 LANES = 32
@@ -58,7 +57,7 @@ class MemberCoefficients:
     scaled: RescaledCoefficients
 
     @classmethod
-    def of(cls, plan: BatchPlan, parameters: Parameters, statics: np.ndarray) -> MemberCoefficients:
+    def of(cls, plan: CondensedPlan, parameters: Parameters, statics: np.ndarray) -> MemberCoefficients:
         """Rescale the coefficients of a unit cable, for the results of :func:`member_statics`."""
         total = statics[:, 0].copy()
         states = MemberStates.of(plan.unit, parameters, total, plan.end_time)
@@ -211,7 +210,7 @@ class Lanes:
         Parameters and coefficients.
     """
 
-    def __init__(self, plan: BatchPlan, members: MemberCoefficients) -> None:
+    def __init__(self, plan: CondensedPlan, members: MemberCoefficients) -> None:
         self.plan, self.count = plan, len(members.total)
         self.numbers = np.minimum(np.arange(LANES), self.count - 1)  #: of the member in each lane; the last one repeats
         members = members if self.count == LANES else members.take(self.numbers)
@@ -266,8 +265,7 @@ class Lanes:
         start = _flat(q[self.numbers]), _flat(v[self.numbers])
         state = ExplicitState.of(*start, np.zeros(r * LANES), LANES)
         damped = damped_step(np.tile(self.damping, r), 1.0 / rate, scheme)
-        monitor = np.zeros((MONITOR_ROWS, LANES))
-        monitor[[MIN_FORCE, UNSTABLE_STEP]], monitor[OMEGA_SQUARED_LIMIT] = np.inf, (STABLE_PHASE[scheme] * rate) ** 2
+        monitor = np.repeat(initial_monitor((STABLE_PHASE[scheme] * rate) ** 2, 0.0)[:, None], LANES, axis=1)
         slopes, patterns = self.tables
         size, none = slopes.shape[1] if extremes else 0, np.empty(0)
         low, high = np.full(size, np.inf), np.full(size, -np.inf)
