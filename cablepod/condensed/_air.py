@@ -11,7 +11,7 @@ import numpy as np
 
 from cablepod.chain._air import ChainAir
 from cablepod.chain._start import refuse_rest_in_wind
-from cablepod.condensed._air_places import AirPlaces, filled_up, projection_matrix
+from cablepod.condensed._air_places import AirPlaces, projection_matrix
 from cablepod.condensed._attached import BodyLoads
 from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
@@ -64,24 +64,15 @@ class CondensedAir:
         """Relative arc lengths and weights [m] of the points."""
         return self.places.sigma, self.places.weights(self.model.chain.total_length)
 
-    def shapes_at_points(self, values: np.ndarray) -> list[np.ndarray]:
-        """Return shapes (r, particle) at the points, their slopes, and the shapes that loads act on (points, r) each."""
-        return self.places.shapes(self.model, values)
-
     @property
     def shapes(self) -> np.ndarray:
-        """Shapes at the points, their slopes, and the shapes that loads act on (3, points, r)."""
-        return self.shapes_of_kernel.transpose(0, 2, 1)[:, : self.rule[0].size]
-
-    @property
-    def shapes_of_kernel(self) -> np.ndarray:
-        """The same, filled up (3, r, points)."""
+        """Shapes at the points, their slopes, and the shapes that loads act on (3, r, points)."""
         return _shapes_at(self.model, self.places)
 
     @property
     def drag(self) -> np.ndarray:
-        """Quadrature weights times half the density of the air, drag coefficient and diameter, filled up (points,) [kg/m]."""
-        return filled_up(self.air.drag * self.drag_ratios * self.rule[1])
+        """Quadrature weights times half the density of the air, drag coefficient and diameter (points,) [kg/m]."""
+        return self.air.drag * self.drag_ratios * self.rule[1]
 
     @property
     def wire_points(self) -> int:
@@ -117,7 +108,7 @@ class CondensedAir:
 
     @cached_property
     def _projected(self) -> np.ndarray:
-        """Velocity of the air at the Gauss points, filled up (samples of the air, dims, points) [m/s]."""
+        """Velocity of the air at the Gauss points (samples of the air, dims, points) [m/s]."""
         return np.tensordot(self.air.velocity, projection_matrix(self.places, self.air.sigma.tobytes()), (1, 1))
 
     @property
@@ -127,16 +118,16 @@ class CondensedAir:
 
     @cached_property
     def at_samples(self) -> tuple[np.ndarray, float]:
-        """Velocity of the air at the Gauss points, filled up (samples, points, dims) [m/s], and its samples per second."""
+        """Velocity of the air at the Gauss points (samples, points, dims) [m/s], and its samples per second."""
         return refined(self._projected).transpose(0, 2, 1), self._rate
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, float]:
         """Velocity of the air less that of the line between the ends, in the chord frame, and its samples per second.
 
-        Along the chord and each normal, at the points filled up: (samples, 1 + normals, points) [m/s].
+        Along the chord and each normal, at the points: (samples, 1 + normals, points) [m/s].
         """
-        p, sigma = self.model.chain.p, filled_up(self.rule[0])
+        p, sigma = self.model.chain.p, self.rule[0]
         if not p.motions:
             frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.model.reference)
             axes = np.concatenate([frame.along, frame.normals[0]])
@@ -168,7 +159,7 @@ class CondensedAir:
         """
         velocity, rate = self._sampled
         samples = np.arange(len(velocity))
-        return linear_between(samples, velocity, times * rate, axis=0)[..., : self.rule[0].size]
+        return linear_between(samples, velocity, times * rate, axis=0)
 
     @cached_property
     def in_mean_wind(self) -> CondensedAir:
@@ -193,7 +184,7 @@ class CondensedAir:
     def arguments(self) -> tuple[Any, ...]:
         """Arguments of the kernel: wind (samples, (1 + normals) points), samples per second, drag, shapes."""
         velocity, rate = self._sampled
-        return velocity.reshape(len(velocity), -1), rate, self.drag, self.shapes_of_kernel
+        return velocity.reshape(len(velocity), -1), rate, self.drag, self.shapes
 
     def acceleration(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return the accelerations of the coordinates (r,) by the drag at the start."""
@@ -227,7 +218,7 @@ class CondensedAir:
         areas = self.drag
         if self.bodies is not None:
             areas[self.bodies.points] += self.bodies.drag
-        shapes = self.shapes_of_kernel[0]
+        shapes = self.shapes[0]
         return 2.0 * largest_speed(p, self.air, self.end_time) * float(np.linalg.norm((shapes * areas) @ shapes.T, 2))
 
     @property
@@ -310,6 +301,5 @@ def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma:
 
 @lru_cache(KEPT_MODELS)
 def _shapes_at(model: CondensedModel, places: AirPlaces) -> np.ndarray:
-    """Return shapes, slopes and shapes of loads at places, filled up (3, r, points); kept with the model."""
-    found = places.shapes(model, model.shapes)
-    return np.ascontiguousarray(np.stack([filled_up(values).T for values in found]))
+    """Return shapes, slopes and shapes of loads at places (3, r, points); kept with the model."""
+    return np.stack(places.shapes(model, model.shapes))

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.condensed._air import CondensedAir
-from cablepod.condensed._air_places import AirPlaces, gauss
+from cablepod.condensed._air_places import AirPlaces
 from cablepod.wind._drag import body_drag, straight_drag
 
 
@@ -32,8 +33,8 @@ class DragOfMotion:
         tangent = np.empty_like(velocity)
         tangent[:, 0] = stretch[:, None]
         for k, which in enumerate(sets, start=1):
-            tangent[:, k] = q[:, which] @ slopes[:, which].T
-            velocity[:, k] -= rates[:, which] @ shapes[:, which].T
+            tangent[:, k] = q[:, which] @ slopes[which]
+            velocity[:, k] -= rates[:, which] @ shapes[which]
         bodies, of_bodies = air.bodies, np.zeros(0)
         if bodies is not None:
             of_bodies = body_drag(bodies.drag, velocity[:, :, bodies.points], axis=1)
@@ -45,27 +46,21 @@ class DragOfMotion:
         return cls(air, force[:, 0], force[:, 1:], tangent[:, 1:], damping)
 
     def on(self, shapes: np.ndarray, n_in_plane: int) -> np.ndarray:
-        """Return the forces on shapes of loads at the points (points, R), the first `n_in_plane` in plane: (times, R)."""
-        weighted = self.air.weights_of_forces[:, None] * shapes
-        parts = [self.normal[:, 0] @ weighted[:, :n_in_plane]]
-        parts += [self.normal[:, k] @ weighted[:, n_in_plane:] for k in range(1, self.normal.shape[1])]
-        return np.concatenate(parts, axis=1)
+        """Return the forces on shapes of loads at the points (R, points), the first `n_in_plane` in plane: (times, R)."""
+        return _on_normals(self.normal, self.air.weights_of_forces * shapes, n_in_plane)
 
     def by_tension(self, slopes: np.ndarray, n_in_plane: int) -> np.ndarray:
         """Return the forces on shapes by the change of the chordwise force that the drag along the chord makes.
 
         That change is -(integral of the drag), less its mean, which the closure takes away.  `slopes` are those of the shapes
-        (points, R); the result is (times, R).
+        (R, points); the result is (times, R).
         """
         _, weights = self.air.rule
         length = weights.sum()
         integral = _integration(self.air.places) * length
         tau = -(self.along @ integral.T)
         tau -= (tau @ weights / length)[:, None]
-        weighted = weights[:, None] * slopes
-        parts = [-(tau * self.slope[:, 0]) @ weighted[:, :n_in_plane]]
-        parts += [-(tau * self.slope[:, k]) @ weighted[:, n_in_plane:] for k in range(1, self.slope.shape[1])]
-        return np.concatenate(parts, axis=1)
+        return _on_normals(-tau[:, None] * self.slope, weights * slopes, n_in_plane)
 
     @property
     def moments(self) -> np.ndarray:
@@ -74,15 +69,21 @@ class DragOfMotion:
         return self.normal @ (weights * sigma)
 
 
+def _on_normals(forces: np.ndarray, weighted: np.ndarray, n_in_plane: int) -> np.ndarray:
+    """Sum forces along the normals (times, normals, points) times weighted shapes (R, points), in plane and out of it."""
+    parts = [weighted[:n_in_plane], weighted[n_in_plane:]][: forces.shape[1]]
+    return np.concatenate([forces[:, k] @ part.T for k, part in enumerate(parts)], axis=1)
+
+
 def _integration(places: AirPlaces) -> np.ndarray:
     """Return the matrix from values at points to the integrals from 0 to them of their polynomials by parts (points, points)."""
     sigma, first = places.sigma, 0
     matrix = np.zeros((sigma.size, sigma.size))
     for begin, end, count in places.parts:
         part = slice(first, first + count)
-        inner, weights = gauss(count)
-        matrix[part, part] = (end - begin) * _integration_of_part(0.5 * (1.0 + inner))
-        matrix[sigma > end, part] = 0.5 * (end - begin) * weights
+        inner, weights = gauss_rule(count)
+        matrix[part, part] = (end - begin) * _integration_of_part(inner)
+        matrix[sigma > end, part] = (end - begin) * weights
         first += count
     return matrix
 

@@ -9,20 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
 from cablepod.wind._air import linear_between
 
 #: Distance of a particle from a border of parts that counts as none, over the length.
 AT_BORDER = 1e-9
 #: Points of the rule by which shapes are projected, over those of a part.
 FINE = 3
-
-
-@lru_cache(16)
-def gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes from -1 to 1 and weights of Gauss's rule."""
-    return np.polynomial.legendre.leggauss(count)
 
 
 class AirPlaces(NamedTuple):
@@ -49,16 +43,16 @@ class AirPlaces(NamedTuple):
     @property
     def sigma(self) -> np.ndarray:
         """Relative arc lengths of the points and bodies (points,)."""
-        parts = [begin + (end - begin) * (0.5 * (1.0 + gauss(count)[0])) for begin, end, count in self.parts]
+        parts = [begin + (end - begin) * gauss_rule(count)[0] for begin, end, count in self.parts]
         return np.concatenate([*parts, np.array(self.bodies)])
 
     def weights(self, length: float) -> np.ndarray:
         """Return the weights of the points, 0 of bodies, for a length [m] (points,) [m]."""
-        parts = [(0.5 * length * (end - begin)) * gauss(count)[1] for begin, end, count in self.parts]
+        parts = [length * (end - begin) * gauss_rule(count)[1] for begin, end, count in self.parts]
         return np.concatenate([*parts, np.zeros(len(self.bodies))])
 
     def shapes(self, model: Coefficients, values: np.ndarray) -> list[np.ndarray]:
-        """Return shapes (r, particle) at the places, their slopes, and the shapes that loads act on (points, r) each.
+        """Return shapes (r, particle) at the places, their slopes, and the shapes that loads act on (r, points) each.
 
         Integrals of the first with polynomials of a degree below the number of points of a part are kept.  Those of the last are
         the sums over the particles: loads are lumped there as in the chain, which on n links changes them by (pi / n)^2 / 12.
@@ -68,19 +62,18 @@ class AirPlaces(NamedTuple):
         place, total = model.chain.arc_length / model.chain.total_length, model.chain.total_length
         moved, slopes, loads = [], [], []
         for begin, end, count in self.parts:
-            nodes, weights = gauss(FINE * count)
-            nodes, at = 0.5 * (1.0 + nodes), 0.5 * (1.0 + gauss(count)[0])
+            nodes, weights = gauss_rule(FINE * count)
             inside = place[(place > begin + AT_BORDER) & (place < end - AT_BORDER)]
             own = np.concatenate([[begin], inside, [end]])
             of_own, relative = linear_between(place, values, own), (own - begin) / (end - begin)
             spline = CubicSpline(relative, of_own, axis=1)  # of three particles a parabola, of two a line
             lumped = 0.5 * (np.diff(relative, prepend=0.0) + np.diff(relative, append=1.0))
-            moved.append(spline(nodes) @ projection(count, nodes, 0.5 * weights).T)
-            slopes.append(spline(at, 1) / ((end - begin) * total))
+            moved.append(spline(nodes) @ projection(count, nodes, weights).T)
+            slopes.append(spline(gauss_rule(count)[0], 1) / ((end - begin) * total))
             loads.append(of_own @ projection(count, relative, lumped).T)
         of_bodies = linear_between(place, values, np.array(self.bodies))  # which have no direction
         parts = [*moved, of_bodies], [*slopes, 0.0 * of_bodies], [*loads, of_bodies]
-        return [np.concatenate(part, axis=1).T for part in parts]
+        return [np.concatenate(part, axis=1) for part in parts]
 
 
 def projection(count: int, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -88,15 +81,15 @@ def projection(count: int, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
     `weights` are those of the values in these sums; polynomials have a degree below the number of points.
     """
-    inner, inner_weights = gauss(count)
+    inner, inner_weights = gauss_rule(count)
     legvander = np.polynomial.legendre.legvander
-    lagrange = np.linalg.inv(legvander(inner, count - 1).T) @ legvander(2.0 * at - 1.0, count - 1).T
-    return lagrange * weights / (0.5 * inner_weights)[:, None]
+    lagrange = np.linalg.inv(legvander(2.0 * inner - 1.0, count - 1).T) @ legvander(2.0 * at - 1.0, count - 1).T
+    return lagrange * weights / inner_weights[:, None]
 
 
 @lru_cache(16)
 def projection_matrix(places: AirPlaces, of_air: bytes) -> np.ndarray:
-    """Return the matrix from values at points of the air to those at the places, filled up.
+    """Return the matrix from values at points of the air to those at the places.
 
     Integrals of the velocity times polynomials of a degree below the number of Gauss points of a part are kept.  Single values,
     as bodies have them, would alias gusts that are shorter than the distance of these points.  `of_air` are the bytes of the
@@ -105,18 +98,12 @@ def projection_matrix(places: AirPlaces, of_air: bytes) -> np.ndarray:
     given = np.frombuffer(of_air)
     unit, rows = np.eye(given.size)[:, :, None], []
     for begin, end, count in places.parts:
-        inner, inner_weights = gauss(count)
+        inner, inner_weights = gauss_rule(count)
         borders = np.unique(np.concatenate([[0.0, 1.0], np.clip((given - begin) / (end - begin), 0.0, 1.0)]))
         width = np.diff(borders)  # the rule is exact on each interval between two points
-        sigma = (borders[:-1, None] + 0.5 * width[:, None] * (1.0 + inner)).ravel()
-        parts = (0.5 * width[:, None] * inner_weights).ravel()
+        sigma = (borders[:-1, None] + width[:, None] * inner).ravel()
+        parts = (width[:, None] * inner_weights).ravel()
         hats = linear_between(given, unit, begin + (end - begin) * sigma)[:, :, 0]
         rows.append(projection(count, sigma, parts) @ hats.T)
     rows.append(linear_between(given, unit, np.array(places.bodies))[:, :, 0].T)
-    return filled_up(np.concatenate(rows))
-
-
-def filled_up(values: np.ndarray) -> np.ndarray:
-    """Return values at points (points, ...) with zeros at the points that the kernels take beyond them."""
-    missing = -len(values) % POINTS_IN_VECTOR
-    return np.concatenate([values, np.zeros((missing, *values.shape[1:]))])
+    return np.concatenate(rows)

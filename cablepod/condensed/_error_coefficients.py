@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.condensed._attached import roots_of_springs
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms, runtime_sizes, terms_of_lane
@@ -152,8 +153,8 @@ def _unit_coefficients(
     slopes, patterns = unit.slopes, unit.chordwise_force_patterns
     if not 0 < points < chain.links:
         return unit, _Points(chain.length, unit.inertia, np.array([[1.0], [0.0]]), patterns, slopes)
-    nodes, weights = np.polynomial.legendre.leggauss(points)
-    middles, at = 0.5 * (places[1:] + places[:-1]), 0.5 * (1.0 + nodes)
+    at, weights = gauss_rule(points)
+    middles = 0.5 * (places[1:] + places[:-1])
     left = np.clip(np.searchsorted(middles, at) - 1, 0, middles.size - 2)
     fraction = (at - middles[left]) / (middles[left + 1] - middles[left])
 
@@ -161,9 +162,9 @@ def _unit_coefficients(
         return np.ascontiguousarray(values[:, left] * (1.0 - fraction) + values[:, left + 1] * fraction)
 
     # a point moves by the stretches below it and half of its own, less sigma times all
-    displacement = (np.tri(points, k=-1) + 0.5 * np.eye(points) - at[:, None]) * (0.5 * weights)
-    inertia = np.ascontiguousarray((displacement.T * (0.5 * weights)) @ displacement)
-    return unit, _Points(0.5 * weights, inertia, np.array([[3.0]]), interpolated(patterns), interpolated(slopes))
+    displacement = (np.tri(points, k=-1) + 0.5 * np.eye(points) - at[:, None]) * weights
+    inertia = np.ascontiguousarray((displacement.T * weights) @ displacement)
+    return unit, _Points(weights, inertia, np.array([[3.0]]), interpolated(patterns), interpolated(slopes))
 
 
 def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> ErrorTerms:

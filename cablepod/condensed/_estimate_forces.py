@@ -53,7 +53,7 @@ class EnrichedDrag:
         """
         chain, in_plane = self.air.model.chain, self.equation.enriched_in_plane
         motion = DragOfMotion.of(self.air, times, q, rates, boundary_data[:, 0] / chain.total_length)
-        _, slopes, loads = self.air.shapes_at_points(self.equation.shapes)
+        _, slopes, loads = self.air.places.shapes(self.air.model, self.equation.shapes)
         return motion.on(loads, in_plane) + motion.by_tension(slopes, in_plane), motion.damping / self._mass_per_length
 
     @property

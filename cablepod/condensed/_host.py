@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.condensed import _kernels_layout as layout
-from cablepod.condensed._air import CondensedAir, filled_up
+from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._kernels_layout import (
     MAX_OMEGA_SQUARED,
     MONITOR_ROWS,
@@ -126,8 +126,7 @@ def end_of_wind(air: CondensedAir) -> float:
 def _host_air(air: CondensedAir) -> HostAir:
     """Collect the air along a cable for the kernels."""
     velocity, rate = air.at_samples
-    sigma = filled_up(air.rule[0])
-    return HostAir(np.ascontiguousarray(velocity.transpose(0, 2, 1)), rate, air.drag, sigma, air.shapes_of_kernel)
+    return HostAir(np.ascontiguousarray(velocity.transpose(0, 2, 1)), rate, air.drag, air.rule[0], air.shapes)
 
 
 def initial_state(model: CondensedModel, coefficients: HostCoefficients, air: CondensedAir | None = None) -> np.ndarray:

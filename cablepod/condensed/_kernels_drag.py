@@ -116,8 +116,7 @@ def _add_drag(
     slope, slope_out : float arrays (points,)
         Overwritten by the slopes of the deflections.
     drag : float array (points,)
-        Quadrature weights [m] times c, half the density of the air times drag coefficient and diameter [kg/m2]; 0 at points that
-        fill up a vector.
+        Quadrature weights [m] times c, half the density of the air times drag coefficient and diameter [kg/m2].
     shapes : float array (3, r, points)
         Shapes of the coordinates, their slopes, and the shapes that the drag acts on.
     n_in_plane : int
@@ -195,7 +194,7 @@ def _add_body_drag(bodies, u, wind, place, points, shapes, n_in_plane, f):
     bodies
         See :class:`cablepod.condensed._kernels_layout.Bodies`; None without any.
     points
-        Number of points of the air, filled up.
+        Number of points of the air.
     u, wind, place, shapes, n_in_plane
         As in :func:`_add_drag_at`, with the shapes alone (r, points).
     """

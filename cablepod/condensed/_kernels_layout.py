@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-#: Kernels take the points of the drag in such numbers, filled up by points without weight: one vector of eight or two of four.
-POINTS_IN_VECTOR = 8
 #: Velocity of the air along the chord and two normals, and slopes of both deflections: rows of the work array of the drag.
 AIR_ROWS = 5
 # Monitor of a run: extremes over its steps, and the last two chord tensions.

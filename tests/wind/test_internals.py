@@ -13,7 +13,6 @@ from cablepod.chain._kernels_explicit import new_states
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
 from cablepod.parameters._from_scene import parameters
 from cablepod.wind import _air, _turbulence
 
@@ -80,7 +79,7 @@ def test_the_kernel_sums_all_points_and_coordinates(dims, rank):
     air = CondensedAir(model, _air.air_of(model.chain.p, 0.0), 0.0)
     points = rank + 2
     assert air.rule[0].size == points
-    assert air.shapes_of_kernel.shape == (3, len(model.shapes), -(-points // POINTS_IN_VECTOR) * POINTS_IN_VECTOR)
+    assert air.shapes.shape == (3, len(model.shapes), points)
     rng = np.random.default_rng(rank)
     q, rates = 0.3 * rng.normal(size=(2, len(model.shapes))) * [[1.0], [10.0]]
     stretch = model.initial_boundary_data[0] / model.chain.total_length
