@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,19 +10,13 @@ import xarray as xr
 from cablepod.condensed import _kernels_layout as layout
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
-from cablepod.condensed._fields import (
-    CondensedTrajectory,
-    boundary_data_of,
-    close_chord_of,
-    positions_of,
-    selected_tensions,
-)
-from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, HostCoefficients
+from cablepod.condensed._fields import CondensedTrajectory, boundary_data_of
+from cablepod.condensed._kernels_layout import HostCoefficients
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._output import padded
+from cablepod.condensed._output import attributes, variables
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.reduced._validity import CHECKS, check_forcing, forcing_attributes
+from cablepod.reduced._validity import warn_condensed_out_of_range
 
 OUTPUTS = ("position", "tension", "end_force")
 
@@ -55,41 +48,19 @@ def run(
     """
     request = CondensedRequest.of(times=times, scheme=SCHEMES[0], step=step, outputs=(), wind=wind)
     solution = solve(model, request)
-    state, times = solution.state, solution.run.times
-    _warn(model, state, step)
-    q, ends = state.q, model.chain.p.end_positions(times)
-    amplitudes = [
-        padded(q[:, which] @ turn.T, model.rank)
-        for turn, which in zip(model.spectral_basis[0], model.sets, strict=True)
-    ]
-    position = tension = force = None
-    boundary_data = boundary_data_of(model, state, ends)
+    state = solution.state
+    attrs = attributes(model, state, None)
+    warn_condensed_out_of_range(attrs)
+    found = {name: values for name, (_, values) in variables(model, state, outputs, links).items()}
+    force, ends = None, found["end_position"]
     if "end_force" in outputs:
-        force = _end_forces(coefficients, q, boundary_data, ends)
+        force = _end_forces(coefficients, state.q, boundary_data_of(model, state, ends), ends)
         if solution.run.air is not None:
             force += _end_forces_by_drag(coefficients, solution.run.air, state, ends)
-    if "position" in outputs:
-        closed = close_chord_of(model, q, boundary_data)
-        position = positions_of(model, closed[0], closed[3], ends)
-    if "tension" in outputs:
-        tension = selected_tensions(model, q, times, links)
-    second = amplitudes[1] if len(amplitudes) > 1 else None
-    return PreparedRun(times, amplitudes[0], second, force, position, tension, float(state.monitor[MIN_FORCE]))
-
-
-def _warn(model: CondensedModel, state: CondensedTrajectory, step: float) -> None:
-    """Warn of a cable that goes slack, and of waves along the cable."""
-    p, smallest = model.chain.p, float(state.monitor[MIN_FORCE])
-    if smallest < 0.0:
-        CHECKS["smallest_chordwise_force"][-1](
-            {
-                "smallest_chordwise_force": smallest,
-                "time_of_smallest_force": float(state.monitor[MIN_FORCE_STEP]) * step,
-                "scheme": SCHEMES[0],
-            }
-        )
-    if p.shortest_time_scale < math.inf:
-        check_forcing(forcing_attributes(p, model.chain.total_length), "the condensed model lacks")
+    return PreparedRun(
+        solution.run.times, found["amplitude"], found.get("amplitude_out_of_plane"), force, found.get("position"),
+        found.get("tension"), attrs["smallest_chordwise_force"],
+    )  # fmt: skip
 
 
 def _end_forces(
