@@ -196,7 +196,7 @@ def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> Er
         inertia=model.inertia[None],
         damping=np.array([chain.p.damping], dtype=float),
         springs=springs[None] if len(springs) else None,
-        green=False,
+        green=None,
         leading=True,
         corrections=CORRECTIONS_LEADING,
     )
@@ -258,7 +258,7 @@ def scaled_terms(
         inertia=mass[..., None] ** (powers > 0.0) * length[..., None] ** powers * at.inertia,
         damping=cables.damping,
         springs=None,
-        green=green,
+        green=green or None,
         leading=leading,
         corrections=CORRECTIONS_LEADING if leading else CORRECTIONS,
     )

@@ -267,9 +267,7 @@ class ErrorEquation:
         change[: unit.n_in_plane, in_plane:] = change[unit.n_in_plane :, :in_plane] = 0.0
         numbers = (p.stiffness, p.mass, p.damping, length)
         cables = Cables(*(np.array([number], dtype=float) for number in numbers))
-        terms = scaled_terms(
-            unit, at, cables, load[None], change[None], in_plane, leading=leading, green=bool(chain.green)
-        )
+        terms = scaled_terms(unit, at, cables, load[None], change[None], in_plane, leading=leading, green=chain.green)
         return cls(chain, terms, projection, (shape / length) * unit.slopes, shape * unit.shapes)
 
     @classmethod

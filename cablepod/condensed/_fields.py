@@ -166,12 +166,12 @@ def close_exactly(
 
     chord_tension, stretch = np.empty(len(squared)), np.empty_like(squared)
     chord_tension[0], stretch[0] = guess
-    i, last, work = 0, -1, np.empty((CLOSURE_ROWS, length.size))
+    i, last, law, work = 0, -1, green or None, np.empty((CLOSURE_ROWS, length.size))
     while True:
-        i, last = kernel.close_all(squared, tau, length, chord, stiffness, green, i, last, work, chord_tension, stretch)
+        i, last = kernel.close_all(squared, tau, length, chord, stiffness, law, i, last, work, chord_tension, stretch)
         if i == len(chord):
             return chord_tension, stretch
-        chord_tension[i] = kernel.close_from_nothing(length, chord[i], stiffness, green, tau[i], squared[i], stretch[i])
+        chord_tension[i] = kernel.close_from_nothing(length, chord[i], stiffness, law, tau[i], squared[i], stretch[i])
         i, last = i + 1, i if math.isfinite(chord_tension[i]) else last
 
 

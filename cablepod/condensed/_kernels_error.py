@@ -11,7 +11,7 @@ import math
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions, _forces, _of_member
-from cablepod.condensed._kernels_exact_closure import _newton_green, _newton_linear
+from cablepod.condensed._kernels_exact_closure import _newton
 
 #: Mass that is added to unresolved modes, over their stiffness times the squared step (stable above a quarter), and part of the
 #: stability margin of the others that the stiffness of the sag may use.
@@ -59,7 +59,7 @@ def close_samples(
                 strain, square = force[member, j, t] * flexible, squared[member, j, t]
                 first = 1.0 + strain - 0.5 * square
                 total[CHORD, t] += weight * first
-                inner = 1.0 - square + (2.0 * strain / first if green else 2.0 * strain + strain * strain)
+                inner = 1.0 - square + (2.0 * strain + strain * strain if green is None else 2.0 * strain / first)
                 stretch[member, j, t] = math.sqrt(inner)
         for _ in range(corrections):
             for t in range(y.shape[1]):
@@ -69,10 +69,7 @@ def close_samples(
                 for t in range(y.shape[1]):
                     change = 0.0 if leading else total[TENSION_CHANGE, t]
                     strain, square = (force[member, j, t] + change) * flexible, squared[member, j, t]
-                    if green:
-                        correction, derivative, _ = _newton_green(strain, square, stretch[member, j, t])
-                    else:
-                        correction, derivative, _ = _newton_linear(strain, square, stretch[member, j, t])
+                    correction, derivative, _ = _newton(green, strain, square, stretch[member, j, t])
                     stretch[member, j, t] += correction
                     compliance[member, j, t] = derivative * flexible
                     total[REACH, t] += weight * stretch[member, j, t]

@@ -61,7 +61,7 @@ def _fill_exact_tangent(terms, work):
     for j in range(m):
         compliance += terms.weights[j] * closure[COMPLIANCE, j]
         # at constant N the derivative of the stretch by w' is minus this times w'
-        cube = 1.0 if terms.green else math.sqrt(stretch[j] * stretch[j] + closure[SLOPE_SQUARED, j]) ** 3
+        cube = math.sqrt(stretch[j] * stretch[j] + closure[SLOPE_SQUARED, j]) ** 3 if terms.green is None else 1.0
         by_slope[j] = terms.stiffness * closure[COMPLIANCE, j] * stretch[j] / cube
     for i in range(r):
         k, total = 0 if i < terms.in_plane else 1, 0.0
@@ -194,7 +194,8 @@ def _record_exact(terms, stretch, closure, number, low, high, monitor):
             monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = closure[FORCE, j], number
     for j in range(low.size):
         xi = math.sqrt(stretch[j] * stretch[j] + closure[SLOPE_SQUARED, j])
-        secant = green_secant(xi * xi, terms.stiffness) if terms.green else linear_secant(1.0 / xi, terms.stiffness)
+        linear = terms.green is None
+        secant = linear_secant(1.0 / xi, terms.stiffness) if linear else green_secant(xi * xi, terms.stiffness)
         tension = secant * xi
         low[j] = min(low[j], tension)
         high[j] = max(high[j], tension)

@@ -36,25 +36,22 @@ SAFE_RTOL = 1e-7
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
-def _newton_green(strain, squared, stretch):
-    """Return Newton's correction of the chordwise stretch zeta' by law (21), its derivative by N / K, and its curvature.
+def _newton(green, strain, squared, stretch):
+    """Return Newton's correction of the chordwise stretch zeta' by the law, its derivative by N / K, and its curvature.
 
-    The law is N / K = zeta' (xi^2 - 1) / 2 with xi^2 = zeta'^2 + w'^2, for a given N / K `strain` and w'^2 `squared`; the
-    curvature is half the second derivative over the first.
+    With xi^2 = zeta'^2 + w'^2 the law is N / K = zeta' (1 - 1 / xi) or, where `green` is not None, law (21),
+    N / K = zeta' (xi^2 - 1) / 2; N / K is `strain` and w'^2 `squared`.  The curvature is half the second derivative over the
+    first.
     """
+    if green is None:  # with two divisions, which take most of the time
+        inverse = 1.0 / math.sqrt(stretch * stretch + squared)
+        bending = squared * inverse * inverse * inverse
+        inverse_tangent = 1.0 / (1.0 - bending)
+        correction = (strain - stretch * linear_secant(inverse, 1.0)) * inverse_tangent
+        return correction, inverse_tangent, abs(1.5 * stretch * bending * inverse * inverse * inverse_tangent)
     inverse_tangent = 1.0 / (3.0 * stretch * stretch + squared - 1.0)
     correction = 2.0 * (strain - stretch * green_secant(stretch * stretch + squared, 1.0)) * inverse_tangent
     return correction, 2.0 * inverse_tangent, abs(3.0 * stretch * inverse_tangent)
-
-
-@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
-def _newton_linear(strain, squared, stretch):
-    """Do :func:`_newton_green` by the linear law N / K = zeta' (1 - 1 / xi), with two divisions, which take most of the time."""
-    inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-    bending = squared * inverse * inverse * inverse
-    inverse_tangent = 1.0 / (1.0 - bending)
-    correction = (strain - stretch * linear_secant(inverse, 1.0)) * inverse_tangent
-    return correction, inverse_tangent, abs(1.5 * stretch * bending * inverse * inverse * inverse_tangent)
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
@@ -66,7 +63,7 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
     weights
         Unstretched lengths of the links, or quadrature weights (m,) [m].
     chord, stiffness, green
-        Distance of the ends [m], K [N], whether law (21) holds.
+        Distance of the ends [m], K [N], True for law (21) and None for the linear one.
     chord_tension
         First guess of H [N].
     stretch
@@ -84,10 +81,7 @@ def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
         for j in range(m):
             work[FORCE, j] = chord_tension + work[LOAD_FORCE, j]
             strain, squared = work[FORCE, j] * flexibility, work[SLOPE_SQUARED, j]
-            if green:
-                correction, derivative, curvature = _newton_green(strain, squared, stretch[j])
-            else:
-                correction, derivative, curvature = _newton_linear(strain, squared, stretch[j])
+            correction, derivative, curvature = _newton(green, strain, squared, stretch[j])
             work[RESIDUAL, j], work[COMPLIANCE, j], work[CURVATURE, j] = correction, derivative * flexibility, curvature
         reach, compliance = 0.0, 0.0
         for j in range(m):
@@ -201,21 +195,15 @@ def _stretch_at(strain, squared, green):
     """
     sign, least = 1.0, 0.0
     if squared < 1.0:
-        least = math.sqrt((1.0 - squared) / 3.0 if green else squared ** (2.0 / 3.0) - squared)
+        least = math.sqrt(squared ** (2.0 / 3.0) - squared if green is None else (1.0 - squared) / 3.0)
     elif strain < 0.0:
         sign, strain = -1.0, -strain
     stretch = 1.0 + max(strain, 0.0)
     for _ in range(SAFE_ITERATIONS):
-        if green:
-            force = stretch * green_secant(stretch * stretch + squared, 1.0)
-            tangent = 0.5 * (3.0 * stretch * stretch + squared - 1.0)
-        else:
-            inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-            force, tangent = stretch * linear_secant(inverse, 1.0), 1.0 - squared * inverse * inverse * inverse
-        change = (force - strain) / tangent
-        if change <= ROUNDING * stretch:  # all corrections are downwards, but for rounding
+        correction, _, _ = _newton(green, strain, squared, stretch)
+        if -correction <= ROUNDING * stretch:  # all corrections are downwards, but for rounding
             return sign * stretch
-        stretch -= change
+        stretch += correction
         if not stretch > least:
             break
     return np.nan

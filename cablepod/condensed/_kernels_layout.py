@@ -168,7 +168,7 @@ class ExactTerms(NamedTuple):
     """Coefficients of the exact forces, at the links or quadrature points (m)."""
 
     stiffness: float  #: K [N]
-    green: bool  #: whether law (21) holds
+    green: Any  #: True for law (21), None for the linear law, which is compiled alone
     slopes: np.ndarray  #: slopes of the coordinates (r, m)
     in_plane: int  #: number of in-plane coordinates
     force_patterns: np.ndarray  #: chordwise force patterns (patterns, m)
@@ -228,7 +228,7 @@ class ErrorTerms(NamedTuple):
     springs: (
         np.ndarray | None
     )  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]; None without
-    green: bool  #: whether law (21) holds
+    green: Any  #: True for law (21), None for the linear law, which is compiled alone
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure
 

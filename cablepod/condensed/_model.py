@@ -277,7 +277,7 @@ class CondensedModel(Coefficients):
         p = self.chain.p
         return ExactTerms(
             p.stiffness,
-            bool(self.green),
+            self.green or None,
             slopes,
             self.n_in_plane,
             patterns,
