@@ -20,6 +20,7 @@ from cablepod.integrate._progress import Rising
 from cablepod.integrate._window import ROUNDING
 from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import check_reach
 
 #: Default tolerance of the time error of full models, as a fraction of the motion; the least that reduced models ask for by
 #: themselves, and their default where they have no estimate of their modes.
@@ -218,7 +219,7 @@ class Request:
             For a record that ends too early, and for a scene without times if none are given.
         """
         times = p.times() if self.times is None else self.times
-        p.check_reach(float(times[-1]))
+        check_reach(p.time_functions(), float(times[-1]))
         if self.step is not None:
             check_steps(self.step, float(times[-1]))
         if self.window is not None and self.window[1] > float(times[-1]) * (1.0 + ROUNDING):

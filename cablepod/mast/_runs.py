@@ -36,6 +36,7 @@ from cablepod.mast._sections import NEED_FORCES
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
+from cablepod.parameters._time_functions import check_reach
 from cablepod.scene._mast_notes import warn_of_unusual_mast
 from cablepod.scene._warnings import without_warnings
 from cablepod.wind._air import has_record
@@ -69,6 +70,7 @@ class MastCase:
         in_wind = p.wind is not None or wind is not None
         _check_kind(p, guys, self.wanted, in_wind=in_wind, rank=rank, modes=modes, links=links)
         self.instants = instants = p.times() if times is None else check_times(times)
+        check_reach(p.time_functions(), float(instants[-1]))
         warn_of_late_breaks(p, float(instants[-1]))
         check_memory(instants.size, max(len(p.guys), 1), 3, key="time.interval" if times is None else "times")
         self.scene, self.modes, self.guys, self.tolerance, self.window = scene, modes, guys, tolerance, window

@@ -81,6 +81,10 @@ class MastParameters:
         """Return the times of the output [s]: 0, interval, ... up to the duration."""
         return output_times(self.duration, self.interval)
 
+    def time_functions(self) -> dict[str, TimeFunction]:
+        """Return the factors of the loads by the key paths of their tables."""
+        return {load.key: load.factor for load in self.loads if load.factor is not None}
+
     def late_breaks(self, end_time: float) -> list[str]:
         """Return a text for each guy that does not break before the end of a run [s], after which nothing is computed."""
         return [

@@ -276,15 +276,6 @@ class Parameters:
         functions = self.time_functions().values()
         return np.unique(np.concatenate([[0.0, end_time], *(item.sampling_times(end_time) for item in functions)]))
 
-    def check_reach(self, time: float) -> None:
-        """Refuse records that do not cover the run from 0 to `time` [s]."""
-        for key, function in self.time_functions().items():
-            if function.begin > 0.0 or time > function.end * (1.0 + 1e-12):
-                raise SceneError(
-                    f"{key}.path: the record is too short, from {function.begin:g} s to {function.end:g} s; "
-                    f"allowed: one that covers the run, from 0 s to {time:g} s"
-                )
-
 
 def positions_of_ends(
     ends: np.ndarray, motions: Mapping[tuple[str, str], TimeFunction], time: np.ndarray, derivative: int = 0

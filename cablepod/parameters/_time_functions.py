@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cablepod.errors import SceneError
+
 Array = NDArray[np.float64]
 #: Kinds that are a sine of time and a constant.
 SINES = ("one_minus_cosine", "harmonic")
@@ -244,3 +246,13 @@ class TimeFunction:
     def end(self) -> float:
         """Last time of a record [s]; infinity for other kinds."""
         return float(self.values["time"][-1]) if self.kind == "file" else np.inf
+
+
+def check_reach(functions: Mapping[str, TimeFunction], time: float) -> None:
+    """Refuse records, by the key paths of their tables, that do not cover the run from 0 to `time` [s]."""
+    for key, function in functions.items():
+        if function.begin > 0.0 or time > function.end * (1.0 + 1e-12):
+            raise SceneError(
+                f"{key}.path: the record is too short, from {function.begin:g} s to {function.end:g} s; "
+                f"allowed: one that covers the run, from 0 s to {time:g} s"
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from cablepod.catenary._statics import length_and_strain, load_plane
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters, count_instants
-from cablepod.parameters._time_functions import TimeFunction
+from cablepod.parameters._time_functions import TimeFunction, check_reach
 
 #: Maximum strain (natural rubber breaks at 5 to 8; a larger strain is a wrong number, such as a modulus in GPa).
 MAX_STRAIN = 10.0
@@ -29,8 +30,7 @@ def check_numbers(p: Parameters) -> None:
         For records that do not cover the run, motions and load factors that are not finite during it, tensions below the minimum,
         a weightless slack cable, and strains above :data:`MAX_STRAIN`; the message names the key.
     """
-    p.check_reach(p.duration or 0.0)
-    _check_functions(p)
+    check_functions(p.time_functions(), p.duration or 0.0)
     _check_statics(p)
     if p.wind is not None:
         from cablepod.scene._wind_field import check_above_ground, check_wind_record  # needed by wind only
@@ -51,10 +51,10 @@ def check_times(duration: float | None, interval: float | None) -> None:
         raise scene_error("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
 
 
-def _check_functions(p: Parameters) -> None:
-    """Refuse motions and load factors that are not finite."""
-    end_time = p.duration or 0.0
-    for key, function in p.time_functions().items():
+def check_functions(functions: Mapping[str, TimeFunction], end_time: float) -> None:
+    """Refuse records that do not cover the run until `end_time` [s], and motions and load factors that are not finite in it."""
+    check_reach(functions, end_time)
+    for key, function in functions.items():
         time = function.sampling_times(end_time)
         with np.errstate(all="ignore"):
             finite = [bool(np.isfinite(function(time, derivative)).all()) for derivative in range(3)]

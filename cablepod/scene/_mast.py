@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod._inputs import SCENE, Kind
@@ -35,7 +34,7 @@ from cablepod.scene._check import (
     check_with_factor,
     listed,
 )
-from cablepod.scene._limits import MAX_STRAIN
+from cablepod.scene._limits import MAX_STRAIN, check_functions
 from cablepod.scene._mast_field import check_mast_record
 from cablepod.scene._mast_notes import guy_hint
 from cablepod.scene._strands import with_strand
@@ -159,13 +158,10 @@ def check_mast_numbers(p: MastParameters) -> None:
     Raises
     ------
     SceneError
-        For a tension that no cable of this level and anchor has, and strains above the limit; the key is named.
+        For load factors as of :func:`cablepod.scene._limits.check_functions`, a tension that no cable of this level and anchor
+        has, and strains above the limit; the key is named.
     """
-    end_time = p.duration or 0.0
-    for load in p.loads:
-        if load.factor is not None and not np.isfinite(load.factor(load.factor.sampling_times(end_time))).all():
-            raise SceneError(f"{load.key}: given a {load.factor.kind} that leaves the finite numbers by {end_time:g} s; "
-                             "allowed: one that is finite during the run")  # fmt: skip
+    check_functions(p.time_functions(), p.duration or 0.0)
     for guy in p.guys:
         bare = guy.p if guy.p.bare is None else guy.p.bare
         try:

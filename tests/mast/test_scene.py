@@ -106,6 +106,19 @@ def test_mistakes_are_refused_by_key(path, value, key):
         small(lambda mapping: put(mapping, path, value))
 
 
+def test_the_record_of_a_load_covers_the_run(tmp_path):
+    # a spline beyond its last sample left the finite numbers of a run, or gave numbers of no meaning
+    record = tmp_path / "record.csv"
+    record.write_text("time,value\n" + "".join(f"{0.5 * k},{k % 3}\n" for k in range(8)), encoding="utf-8")
+    load = {"level": 30.0, "force": [100.0, 0.0, 0.0], "kind": "file", "path": str(record)}
+    message = r"^mast\.load\.1\.path: the record is too short, from 0 s to 3\.5 s; allowed: .* from 0 s to 4 s$"
+    with pytest.raises(SceneError, match=message):
+        small(lambda mapping: put(mapping, "mast.load", [load]))
+    shorter = small(lambda mapping: (put(mapping, "mast.load", [load]), put(mapping, "time.duration", 3.0)))
+    with pytest.raises(SceneError, match=message):
+        cp.mast.simulate(shorter, times=np.linspace(0.0, 4.0, 101))
+
+
 def test_wind_needs_a_diameter():
     with pytest.raises(SceneError, match=r"^cables\.guy\.diameter: missing"):
         small(lambda mapping: (put(mapping, "wind", WIND), put(mapping, "cables.guy.diameter", None)))
