@@ -99,7 +99,10 @@ def _integrated(basis: Any) -> Shapes:
 
 @dataclass(frozen=True, eq=False)
 class GuySet:
-    """Guys in arrays; coordinates q: first those in the vertical plane of the chord, then those out of it [kg^1/2 m]."""
+    """Guys in arrays; coordinates q: first those in the vertical plane of the chord, then those out of it [kg^1/2 m].
+
+    Coordinates and upper ends of several states have these as the first dimensions.
+    """
 
     lower: np.ndarray  #: anchors (guys, 3) [m]
     upper: np.ndarray  #: upper ends at rest (guys, 3) [m]
@@ -152,46 +155,42 @@ class GuySet:
         """Return chord lengths, and axes: from mast to anchor, normal in the vertical plane, normal out of it (guys, 3, 3)."""
         reach = self.lower - upper
         chord = np.sqrt((reach * reach).sum(axis=-1))
-        along = reach / chord[:, None]
-        flat = np.sqrt(along[:, 0] * along[:, 0] + along[:, 2] * along[:, 2])
+        along = reach / chord[..., None]
+        x, y, z = np.moveaxis(along, -1, 0)
+        flat = np.sqrt(x * x + z * z)
         beside = np.abs(flat) > 1e-12  # else along the mast: any vertical plane
         flat = np.where(beside, flat, 1.0)
-        first = np.stack([-along[:, 1] * along[:, 0] / flat, flat, -along[:, 1] * along[:, 2] / flat], axis=1)
+        first = np.stack([-y * x / flat, flat, -y * z / flat], axis=-1)
         first[~beside] = [1.0, 0.0, 0.0]
-        second = np.stack(
-            [
-                first[:, (d + 1) % 3] * along[:, (d + 2) % 3] - first[:, (d + 2) % 3] * along[:, (d + 1) % 3]
-                for d in range(3)
-            ],
-            axis=1,
-        )
-        return chord, np.stack([along, first, second], axis=1)
+        return chord, np.stack([along, first, np.cross(first, along)], axis=-2)
 
     def _tension(self, q: np.ndarray, chord: np.ndarray) -> np.ndarray:
         """Return the mean chordwise forces (guys,) [N]."""
-        sag = 0.5 * (1.0 - 2.0 * self.strain) * (self.kappa * q * q).sum(axis=1)
+        sag = 0.5 * (1.0 - 2.0 * self.strain) * (self.kappa * q * q).sum(axis=-1)
         return self.stiffness * (chord / self.length - 1.0 + sag / self.length)
 
     def forces(self, q: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return forces on coordinates (guys, 2 r) and on the ends at fixed coordinates (guys, 3): slopes of minus the energy."""
         chord, axes = self.frame(upper)
-        along_load, normal_load = -self.weight * axes[:, 0, 1], -self.weight * axes[:, 1, 1]
+        along_load, normal_load = -self.weight * axes[..., 0, 1], -self.weight * axes[..., 1, 1]
         tension, tilted = self._tension(q, chord), q @ self.tilt * (self.scale**2)[:, None]
         factor = tension * (1.0 - 2.0 * self.strain) + self.strain * self.rest_force
-        on_q = -factor[:, None] * self.kappa * q - along_load[:, None] * tilted + normal_load[:, None] * self.loads
-        turning = 0.5 * (q * tilted).sum(axis=1) * normal_load + (self.loads * q).sum(axis=1) * along_load
-        on_end = tension[:, None] * axes[:, 0] + (turning / chord)[:, None] * axes[:, 1]
-        on_end[:, 1] -= 0.5 * self.weight * self.length
+        on_q = (
+            -factor[..., None] * self.kappa * q - along_load[..., None] * tilted + normal_load[..., None] * self.loads
+        )
+        turning = 0.5 * (q * tilted).sum(axis=-1) * normal_load + (self.loads * q).sum(axis=-1) * along_load
+        on_end = tension[..., None] * axes[..., 0, :] + (turning / chord)[..., None] * axes[..., 1, :]
+        on_end[..., 1] -= 0.5 * self.weight * self.length
         return on_q, on_end
 
     def energy(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Return the potential energies (guys,) [J], of which :meth:`forces` are the negative slopes."""
         chord, axes = self.frame(upper)
         elastic = 0.5 * self.length / self.stiffness * self._tension(q, chord) ** 2
-        elastic += 0.5 * self.strain * self.rest_force * (self.kappa * q * q).sum(axis=1)
+        elastic += 0.5 * self.strain * self.rest_force * (self.kappa * q * q).sum(axis=-1)
         tilted = q @ self.tilt * (self.scale**2)[:, None]
-        hanging = 0.5 * axes[:, 0, 1] * (q * tilted).sum(axis=1) - axes[:, 1, 1] * (self.loads * q).sum(axis=1)
-        return elastic - self.weight * hanging + 0.5 * self.weight * self.length * upper[:, 1]
+        hanging = 0.5 * axes[..., 0, 1] * (q * tilted).sum(axis=-1) - axes[..., 1, 1] * (self.loads * q).sum(axis=-1)
+        return elastic - self.weight * hanging + 0.5 * self.weight * self.length * upper[..., 1]
 
     def tangent(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Return the second derivatives of the energy by (q, upper): (guys, 2 r + 3, 2 r + 3), by complex steps."""
@@ -199,21 +198,8 @@ class GuySet:
         count = r + 3
         state = np.repeat(np.concatenate([q, upper], axis=1).astype(complex)[None], count, axis=0)
         state[np.arange(count), :, np.arange(count)] += 1j * step
-        # of all columns at once
-        on_q, on_end = self._repeated(count).forces(state[..., :r].reshape(-1, r), state[..., r:].reshape(-1, 3))
-        slopes = np.concatenate([on_q, on_end], axis=1).imag.reshape(count, self.count, count)
+        slopes = np.concatenate(self.forces(state[..., :r], state[..., r:]), axis=-1).imag  # of all columns at once
         return np.ascontiguousarray(np.moveaxis(-slopes / step, 0, -1))
-
-    def _repeated(self, times: int) -> GuySet:
-        """Return the guys several times, one set after the other."""
-
-        def repeated(values: np.ndarray) -> np.ndarray:
-            return np.concatenate([values] * times)
-
-        return GuySet(
-            repeated(self.lower), repeated(self.upper), repeated(self.length), repeated(self.stiffness), repeated(self.mass),
-            repeated(self.weight), repeated(self.strain), self.shapes,
-        )  # fmt: skip
 
     def rest(self, upper: np.ndarray, forces: Any = None) -> np.ndarray:
         """Return the coordinates in equilibrium (guys, 2 r).

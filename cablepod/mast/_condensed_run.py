@@ -203,17 +203,12 @@ class CondensedGuys:
     def _positions(self, result: MastTrajectory, q: np.ndarray) -> np.ndarray:
         """Return positions of points of the guys from anchor to mast, for coordinates q (outputs, guys, 2 r) [m]."""
         sigma, r, guys = np.linspace(0.0, 1.0, DRAWN_POINTS), self.rank, self.guys
-        upper = np.repeat(guys.upper[None], len(q), axis=0)
-        upper[..., [0, 2]] += np.einsum("gia,ta->tgi", self.mast.guy_rows, result.modal)
-        positions = np.empty((len(q), guys.count, DRAWN_POINTS, 3))
-        basis = [part.basis(sigma, 0) for part in self.shapes]
-        for t, ends in enumerate(upper):
-            normals = guys.frame(ends)[1][:, 1:]
-            moved = guys.lower[:, None] + sigma[:, None] * (ends - guys.lower)[:, None]
-            for part in range(2):
-                deflection = guys.scale[:, None] * (q[t, :, part * r : (part + 1) * r] @ basis[part])
-                moved = moved + deflection[..., None] * normals[:, part, None]
-            positions[t] = moved
+        upper = self.mast.upper_ends(result.modal)
+        axes = guys.frame(upper)[1]
+        positions = guys.lower[:, None] + sigma[:, None] * (upper - guys.lower)[:, :, None]
+        for part, shape in enumerate(self.shapes):
+            deflection = guys.scale[:, None] * (q[..., part * r : (part + 1) * r] @ shape.basis(sigma, 0))
+            positions += deflection[..., None] * axes[:, :, 1 + part, None]
         positions[broken_at_outputs(self.mast.rest.p, result.request)] = np.nan
         return positions
 
@@ -237,14 +232,12 @@ class CondensedGuys:
         potential -= np.einsum(
             "ta,na,nt->t", result.modal, drive.loads.vectors, drive.loads.factors[:, :: request.every]
         )
-        ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
-        at_rest, holds = self.guys.energy(self.rest[0], self.guys.upper).sum(), ~broken_at_outputs(mast.rest.p, request)
-        for t in range(len(result.modal)):
-            upper = self.guys.upper.copy()
-            upper[:, [0, 2]] += ends[t]
-            a = result.modal[t]
-            upper[:, 1] += (geometric_rest @ a + 0.5 * (geometric @ a) @ a)[mast.level_of_guy]
-            potential[t] += self.guys.energy(saved[t, 0], upper)[holds[t]].sum() - at_rest
+        upper, bent = mast.upper_ends(result.modal), np.tensordot(result.modal, geometric, (1, 1))
+        lowered = result.modal @ geometric_rest.T + 0.5 * np.einsum("tna,ta->tn", bent, result.modal)
+        upper[..., 1] += lowered[:, mast.level_of_guy]
+        energies = self.guys.energy(saved[:, 0], upper)
+        energies[broken_at_outputs(mast.rest.p, request)] = 0.0
+        potential += energies.sum(axis=1) - self.guys.energy(self.rest[0], self.guys.upper).sum()
         return kinetic + potential
 
 

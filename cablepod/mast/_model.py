@@ -117,6 +117,12 @@ class ModalMast:
         """Displacement of the guys' upper ends by the modes (guys, 2, modes) [kg^-1/2]."""
         return self.rest.rows @ self.modes
 
+    def upper_ends(self, modal: np.ndarray) -> np.ndarray:
+        """Return the upper ends of the guys for coordinates (outputs, modes), at their heights at rest (outputs, guys, 3) [m]."""
+        result = np.repeat(self.rest.upper[None], len(modal), axis=0)
+        result[..., [0, 2]] += np.einsum("gia,ta->tgi", self.guy_rows, modal, optimize=True)
+        return result
+
     @cached_property
     def load_vectors(self) -> np.ndarray:
         """Loads of the mast on the modes for factors of one (loads, modes)."""

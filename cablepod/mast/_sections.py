@@ -147,9 +147,7 @@ class Forces:
         mast, run = self.mast, self.run
         rest, n = mast.rest, run.completed
         lower = np.array([guy.p.lower for guy in rest.p.guys], dtype=float).reshape(-1, 3)
-        upper = np.repeat(rest.upper[None], n, axis=0)
-        upper[..., [0, 2]] += np.einsum("gia,ta->tgi", mast.guy_rows, run.modal[:n], optimize=True)
-        along = upper - lower
+        along = mast.upper_ends(run.modal[:n]) - lower
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
         force = run.force[:n]
         turned = force - 2.0 * (force * along).sum(axis=-1, keepdims=True) * along
