@@ -14,8 +14,6 @@ import numpy as np
 DONE, DIVERGED, UNSTABLE = range(3)
 #: Samples of the air through which it is interpolated in time.
 TAPS = 6
-#: Entries of extremes: least and largest value, and the steps at which they occur.
-LEAST, LARGEST, LEAST_STEP, LARGEST_STEP = range(4)
 #: Lanes of condensed guys, their modes and nodes of masts are padded to multiples of these numbers.
 LANES, MODES_TOGETHER, NODES_TOGETHER = 16, 4, 8
 # Numbers of the condensed guys (rows, lanes).
@@ -132,7 +130,7 @@ class Extremes(NamedTuple):
 
     least: np.ndarray
     largest: np.ndarray
-    least_step: np.ndarray
+    least_step: np.ndarray  #: step at which it occurs
     largest_step: np.ndarray
     total: np.ndarray  #: sums
     squares: np.ndarray  #: sums of squares

@@ -61,15 +61,9 @@ def march(
         Pace(request.step, request.every, request.steps, hold, *request.window_steps), beam, BeamState.of(levels, modes),
         drive.loads, wind, ends, condensed, chains, static, guy_wind, record,
     )  # fmt: skip
-    of_levels, of_tensions = _by_value(record.of_levels), _by_value(record.of_tensions)
-    result = MastTrajectory(
-        request, record.modal, record.rates, record.force, record.tension, record.drag,
-        of_levels[0].reshape(levels, 2, 4), of_levels[1].reshape(levels, 2, 2), of_tensions[0][:count], of_tensions[1][:count],
+    of_levels = Extremes(*(values.reshape(levels, 2) for values in record.of_levels))
+    of_tensions = Extremes(*(values[:count] for values in record.of_tensions))
+    return MastTrajectory(
+        request, record.modal, record.rates, record.force, record.tension, record.drag, of_levels, of_tensions,
+        ends.least[:count], ends.least_step[:count], status, at, guy,
     )  # fmt: skip
-    result.finish(status, at, guy, np.stack([ends.least, ends.least_step], axis=-1)[:count])
-    return result
-
-
-def _by_value(extremes: Extremes) -> tuple[np.ndarray, np.ndarray]:
-    """Return extremes with their steps (values, 4), and sums with those of squares (values, 2)."""
-    return np.stack(extremes[:4], axis=-1), np.stack(extremes[4:], axis=-1)

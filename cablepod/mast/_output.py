@@ -12,7 +12,6 @@ from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
 from cablepod.integrate._window import within
 from cablepod.mast._beam import Beam
 from cablepod.mast._breaks import times_of_breaks
-from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
 from cablepod.mast._sections import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
@@ -185,22 +184,22 @@ def _forces(forces: Forces, outputs: tuple[str, ...], moved: np.ndarray, guys: s
 def _extremes(mast: ModalMast, run: MastTrajectory) -> dict[str, Any]:
     """Return extremes, means and standard deviations over all steps of the window."""
     step, count, result = run.request.step, run.counted, {}
-    for name, dims, extremes, sums in (
-        ("displacement", ("level", "coordinate"), run.level_extremes, run.level_sums),
-        ("guy_tension", ("guy",), run.tension_extremes, run.tension_sums),
+    for name, dims, found in (
+        ("displacement", ("level", "coordinate"), run.of_levels),
+        ("guy_tension", ("guy",), run.of_tensions),
     ):
-        if not extremes.size:
+        if not found.least.size:
             continue
-        mean = sums[..., 0] / count
-        std = np.sqrt(np.maximum(sums[..., 1] / count - mean * mean, 0.0))
+        mean = found.total / count
+        std = np.sqrt(np.maximum(found.squares / count - mean * mean, 0.0))
         values = {
-            "minimum": extremes[..., LEAST], "maximum": extremes[..., LARGEST], "mean": mean, "std": std,
-            "minimum_time": extremes[..., LEAST_STEP] * step, "maximum_time": extremes[..., LARGEST_STEP] * step,
+            "minimum": found.least, "maximum": found.largest, "mean": mean, "std": std,
+            "minimum_time": found.least_step * step, "maximum_time": found.largest_step * step,
         }  # fmt: skip
         for what, numbers in values.items():
             result[f"{name}_{what}"] = (dims, spatial(numbers) if dims[-1] == "coordinate" else numbers)
     strengths = [guy.p.breaking_strength for guy in mast.rest.p.guys]
     if any(strength is not None for strength in strengths):
         strength = np.array([np.nan if value is None else float(value) for value in strengths])
-        result["utilisation"] = (("guy",), run.tension_extremes[:, LARGEST] / strength)
+        result["utilisation"] = (("guy",), run.of_tensions.largest / strength)
     return result

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
+from cablepod.mast._kernels_layout import Extremes
 from cablepod.parameters._mast import MastLoad
 
 #: Maximum relative distance of a number of steps in an interval from a whole number.
@@ -115,23 +115,20 @@ class MastTrajectory:
     force: np.ndarray  #: of the guys on the mast (outputs, guys, 3) [N]
     tension: np.ndarray  #: at the mast (outputs, guys) [N]
     drag: np.ndarray  #: on the nodes but the foot, and padding (outputs or 0, 2, nodes) [N]
-    level_extremes: np.ndarray  #: (levels, 2, 4): least, largest displacement and their steps
-    level_sums: np.ndarray  #: (levels, 2, 2): sums and sums of squares over the steps of the window
-    tension_extremes: np.ndarray  #: (guys, 4)
-    tension_sums: np.ndarray  #: (guys, 2)
-    completed: int = 0  #: outputs that were computed
+    of_levels: Extremes  #: of displacements in x and z (levels, 2) [m]
+    of_tensions: Extremes  #: (guys,) [N]
+    least: np.ndarray  #: least chordwise force or tension of each guy before it breaks (guys,) [N]
+    least_step: np.ndarray  #: its step (guys,)
     status: int = 0
     at: int = 0  #: step of the status
     guy: int = 0  #: which made the run stop
-    monitor: Any = None  #: least chordwise force or tension of each guy [N] and its step (guys, 2)
     energy: np.ndarray | None = None  #: (outputs,) [J]
     guy_position: np.ndarray | None = None  #: of points of the guys (outputs, guys, points, 3) [m]
-    attributes: dict[str, Any] = field(default_factory=dict)
 
-    def finish(self, status: int, at: int, guy: int, monitor: np.ndarray) -> None:
-        """Keep how the run ended."""
-        self.status, self.at, self.guy, self.monitor = status, at, guy, monitor
-        self.completed = self.request.outputs_count if not status else max(0, (at - 1) // self.request.every + 1)
+    @property
+    def completed(self) -> int:
+        """Number of outputs that were computed."""
+        return self.request.outputs_count if not self.status else max(0, (self.at - 1) // self.request.every + 1)
 
     @property
     def stopped_at(self) -> float:

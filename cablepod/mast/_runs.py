@@ -264,8 +264,8 @@ def _least_force(p: MastParameters, run: MastTrajectory, guys: str) -> dict[str,
     """Return the least force of a guy and its time as attributes; warn of slack condensed guys."""
     if not p.guys or guys == "catenary":
         return {}
-    worst = int(run.monitor[:, 0].argmin())
-    least, time = float(run.monitor[worst, 0]), float(run.monitor[worst, 1]) * run.request.step
+    worst = int(run.least.argmin())
+    least, time = float(run.least[worst]), float(run.least_step[worst]) * run.request.step
     name = "smallest_chordwise_force" if guys == "condensed" else "smallest_tension"
     if guys == "condensed" and least < 0.0 and not run.status:
         warn(

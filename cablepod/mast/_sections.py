@@ -201,7 +201,7 @@ def envelopes(forces: Forces, displacement: np.ndarray, within: np.ndarray, guys
             "anchor_force_horizontal_largest": (("guy",), _largest(anchor[..., [0, 2]])),
         }
         if guys != "catenary":
-            result["guy_axial_force_minimum"] = (("guy",), run.monitor[:, 0])
+            result["guy_axial_force_minimum"] = (("guy",), run.least)
     return result
 
 

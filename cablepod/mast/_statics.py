@@ -36,7 +36,6 @@ class MastRest:
     unknowns: np.ndarray  #: of the beam (count,)
     force: np.ndarray  #: of the guys on the mast (guys, 3) [N]
     tension: np.ndarray  #: at anchor and mast (guys, 2) [N]
-    load: np.ndarray  #: steady loads on the unknowns (count,)
     drag: MastDrag
     statics: GuyStatics
 
@@ -175,7 +174,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     drag, rows = drag_of_mast(p, beam, air), guy_rows(p, beam)
     load = steady_load(p, beam, drag)
     unknowns = np.zeros(beam.count)
-    upright = _at(p, drag, straight, guys, unknowns, load)
+    upright = _at(p, drag, straight, guys, unknowns)
     check_buckling(upright)
     rest, last = upright, np.inf
     for _ in range(MAX_ITERATIONS):
@@ -185,7 +184,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
         moved = np.abs(np.einsum("gia,a->gi", rows, unknowns)).max(initial=0.0)
         if not moved < MAX_DEFLECTION * p.height:
             break
-        rest = _at(p, drag, straight, guys, unknowns, load)
+        rest = _at(p, drag, straight, guys, unknowns)
         correction = np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) / p.height
         if correction <= RTOL or ROUNDED > correction >= last:
             check_buckling(rest)
@@ -237,8 +236,7 @@ def _at(
     bare: list[StaticGuy],
     guys: list[StaticGuy],
     unknowns: np.ndarray,
-    load: np.ndarray,
 ) -> MastRest:
     """Return mast and guys with given unknowns of the mast."""
     statics = GuyStatics(guys, upper_ends(p, drag.beam, unknowns))
-    return MastRest(p, drag.beam, bare, guys, unknowns, statics.forces, statics.tensions, load, drag, statics)
+    return MastRest(p, drag.beam, bare, guys, unknowns, statics.forces, statics.tensions, drag, statics)

@@ -149,7 +149,7 @@ def test_a_guy_to_the_foot_of_the_mast_adds_no_stiffness_against_its_rotation():
     beam = beam_of(p)
     guys = static_guys(p)
     drag = drag_of_mast(p, beam, None)
-    rest = _at(p, drag, guys, guys, np.zeros(beam.count), np.zeros(beam.count))
+    rest = _at(p, drag, guys, guys, np.zeros(beam.count))
     rotation = np.zeros(beam.count)
     single = np.column_stack([beam.height, np.ones_like(beam.height)]).ravel()[beam.free]
     rotation[: single.size] = single
