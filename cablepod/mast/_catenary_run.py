@@ -99,7 +99,6 @@ class CatenaryGuys:
         if not step < limit:
             raise scene_error("step", step, f"below half of the shortest period of the mast, {limit:.6g} s")
         drive, wind = drive_of(mast, self.air, request), None
-        mass = np.array([guy.p.mass * guy.length / 3.0 for guy in self.guys])
         forces = GuyStatics(self.guys, mast.rest.upper).forces.copy()
         if self.air is not None:
             wind = StaticWind(refined(self._reaction(self.air.velocity)), drive.refined_samples_per_step)
@@ -108,8 +107,8 @@ class CatenaryGuys:
         places = np.repeat([[np.inf], [-np.inf]], count, axis=1)
         anchors = np.array([guy.p.lower[[0, 2]] for guy in self.guys]).reshape(-1, 2)
         result = march(
-            mast, request, mast.step_matrices_with(mass, step), drive,
-            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), mass), forces,
+            mast, request, mast.step_matrices_with(mast.guy_masses, step), drive,
+            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), mast.guy_masses), forces,
             static=StaticTerms(anchors, first, spacing, horizontal, vertical, places), guy_wind=wind,
         )  # fmt: skip
         status = result.status

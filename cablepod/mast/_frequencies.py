@@ -12,11 +12,10 @@ from cablepod.batch._members import no_plan, over_members_by
 from cablepod.errors import scene_error
 from cablepod.mast._chain_modes import guy_modes
 from cablepod.mast._chain_run import ChainGuys, links_of
-from cablepod.mast._condensed_guy import sines
-from cablepod.mast._condensed_run import CondensedGuys
-from cablepod.mast._model import ModalMast, with_guys
+from cablepod.mast._condensed_run import guys_in_mean_wind
+from cablepod.mast._model import modal_mast, with_guys
 from cablepod.mast._output import dataset, spatial
-from cablepod.mast._piecewise_guys import kind_of_guys, mass_at_mast, refuse_things
+from cablepod.mast._piecewise_guys import KINDS, kind_of_guys, refuse_things
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._mast import mast_parameters
@@ -24,9 +23,6 @@ from cablepod.scene._mast import MAST_SCENE
 from cablepod.scene._mast_notes import warn_of_unusual_mast, warn_of_unusual_mast_members
 from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
-
-#: Kinds of guys: with their own motion, as reduced models or as chains; as springs.
-KINDS = ("condensed", "chain", "catenary")
 
 
 @over_members_by(no_plan, warn_of_unusual_mast_members, kind=MAST_SCENE)
@@ -86,44 +82,35 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     air = mean_mast_air(p)
     at_rest = rest_in(p, air)
     warn_of_unusual_mast(p, at_rest.tension)
-    n, r2 = at_rest.beam.count, 0
-    thirds = [mass_at_mast(guy.p, guy.length) for guy in at_rest.bare]
+    beam, mast = at_rest.beam, modal_mast(at_rest)
     if guys == "catenary" or not p.guys:
-        stiffness, mass = at_rest.stiffness, at_rest.beam.mass.copy()
-        for row, third in zip(at_rest.rows, thirds, strict=True):
-            mass += third * row.T @ row
+        mass, stiffness, end_mass = mast.mass_with_guys, at_rest.stiffness, mast.guy_masses[:, None, None] * np.eye(2)
     else:
-        if guys == "condensed":
-            model: Any = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, air)
-        else:
-            model = guy_modes(ChainGuys(ModalMast(at_rest), links_of(p), air), 2 * rank)
-        r2 = model.tangents.shape[1] - 2
-        of_mast = at_rest.rows, at_rest.beam.mass, at_rest.mast_stiffness
-        mass, stiffness = with_guys(*of_mast, model.end_mass, model.tangents)
+        model: Any = guys_in_mean_wind(mast, rank)
+        if guys == "chain":
+            model = guy_modes(ChainGuys(mast, links_of(p), air), 2 * rank)
+        end_mass = model.end_mass
+        mass, stiffness = with_guys(at_rest.rows, beam.mass, at_rest.mast_stiffness, end_mass, model.tangents)
     if count > len(mass):
         raise scene_error("count", count, f"at most {len(mass)}, the number of unknowns")
     squared, vectors = eigh(stiffness, mass, subset_by_index=[0, count - 1])
-    beam = at_rest.beam
-    shapes = np.einsum("nda,am->mnd", beam.displacement_rows(np.arange(beam.height.size)), vectors[:n])
-    share = np.einsum("am,ab,bm->m", vectors[:n], beam.mass, vectors[:n])
-    largest = np.maximum(np.abs(shapes).max(axis=(1, 2)), 1e-300)
-    flip = np.sign(
-        np.take_along_axis(shapes.reshape(count, -1), np.abs(shapes).reshape(count, -1).argmax(axis=1)[:, None], 1)
-    )
+    of_mast, of_guys = np.split(vectors, [beam.count])
+    shapes = np.einsum("nda,am->mnd", beam.all_rows, of_mast)
+    share = np.einsum("am,ab,bm->m", of_mast, beam.mass, of_mast)
+    flat = shapes.reshape(count, -1)
+    largest = flat[np.arange(count), np.abs(flat).argmax(axis=1)]
     variables: dict[str, Any] = {
         "angular_frequency": (("mode",), np.sqrt(np.maximum(squared, 0.0))),
-        "mode_shape": (("mode", "node", "coordinate"), spatial(shapes * (flip / largest[:, None])[:, :, None])),
+        "mode_shape": (
+            ("mode", "node", "coordinate"),
+            spatial(shapes / np.where(largest == 0.0, 1.0, largest)[:, None, None]),
+        ),
         "mast_share": (("mode",), share),
     }
     if p.guys:
-        own = np.empty((count, len(p.guys)))
-        for g, row in enumerate(at_rest.rows):
-            ends = np.einsum("ia,am->mi", row, vectors[:n])
-            if r2:
-                own[:, g] = (vectors[n + r2 * g : n + r2 * (g + 1)] ** 2).sum(axis=0)
-                own[:, g] += np.einsum("mi,ij,mj->m", ends, model.end_mass[g], ends)
-            else:
-                own[:, g] = thirds[g] * (ends**2).sum(axis=1)
+        ends = np.einsum("gia,am->gim", at_rest.rows, of_mast)
+        own = np.einsum("gim,gij,gjm->mg", ends, end_mass, ends)
+        own += (of_guys.reshape(len(p.guys), -1, count) ** 2).sum(axis=1).T
         variables["guy_share"] = (("mode", "guy"), own)
     coords = {
         "mode": np.arange(1, count + 1),

@@ -19,10 +19,14 @@ class ModalMast:
     rest: MastRest
 
     @cached_property
+    def guy_masses(self) -> np.ndarray:
+        """Mass of each guy at its upper end, a third of that of a uniform one (guys,) [kg]."""
+        return np.array([mass_at_mast(guy.p, guy.length) for guy in self.rest.bare])
+
+    @cached_property
     def mass_with_guys(self) -> np.ndarray:
-        """Mass of the mast with a third of each guy's at its upper end (count, count)."""
-        thirds = np.array([mass_at_mast(guy.p, guy.length) for guy in self.rest.bare])
-        return self.rest.beam.mass + seen_by(self.rest.rows, thirds[:, None, None] * np.eye(2))
+        """Mass of the mast with these of its guys (count, count)."""
+        return self.rest.beam.mass + seen_by(self.rest.rows, self.guy_masses[:, None, None] * np.eye(2))
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,8 @@ from cablepod.parameters._nonuniform import attachment_fractions
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._drag import body_drag, straight_drag
 
+#: Kinds of guys: with their own motion, as reduced models or as chains; static, as springs in small vibrations.
+KINDS = ("condensed", "chain", "catenary")
 #: Least number of pieces with a drag of their own, relative last change of the drag, maximum number of iterations.
 PIECES, DRAG_RTOL, MAX_ITERATIONS = 40, 1e-11, 60
 

@@ -30,8 +30,8 @@ from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys, CondensedRun, guys_in_mean_wind
 from cablepod.mast._model import ModalMast, modal_mast
-from cablepod.mast._piecewise_guys import first_thing, kind_of_guys, refuse_ratios, refuse_things
-from cablepod.mast._request import MastRequest, MastTrajectory, request_of
+from cablepod.mast._piecewise_guys import KINDS, first_thing, kind_of_guys, refuse_ratios, refuse_things
+from cablepod.mast._request import MastRequest, MastTrajectory, request_of, steps_in
 from cablepod.mast._sections import NEED_FORCES
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
@@ -42,8 +42,6 @@ from cablepod.scene._warnings import without_warnings
 from cablepod.wind._air import has_record
 from cablepod.wind._mast_air import mast_air
 
-#: Kinds of guys.
-KINDS = ("condensed", "chain", "catenary")
 #: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.
 RANK, RICHER = 4, 4
 #: Maximum number of halved steps to meet a tolerance.
@@ -96,7 +94,7 @@ class MastCase:
         if "error_estimate" in self.wanted and not run.status:
             richer = self._model(self.count + RICHER)
             request = run.request
-            every = max(request.every, int(np.ceil(request.interval / richer.default_step * (1.0 - 1e-9))))
+            every = max(request.every, steps_in(request.interval, richer.default_step))
             finer = richer.run(MastRequest(request.times, every, self.window))
             notes["error_estimate"] = float(difference(run, finer).max(initial=0.0))
         return run, notes
