@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.wind._air import CableAir, density_of, linear_between, refined
+from cablepod.scene._wind_field import linear_between
+from cablepod.wind._air import CableAir, density_of, refined
 from cablepod.wind._drag import (
     TENSION_MARGIN,
     body_drag,

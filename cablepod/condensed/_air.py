@@ -17,7 +17,8 @@ from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import solve_each
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.wind._air import CableAir, density_of, linear_between, refined
+from cablepod.scene._wind_field import linear_between
+from cablepod.wind._air import CableAir, density_of, refined
 from cablepod.wind._drag import (
     TENSION_MARGIN,
     body_drag,

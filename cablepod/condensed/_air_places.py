@@ -11,7 +11,7 @@ import numpy as np
 
 from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.wind._air import linear_between
+from cablepod.scene._wind_field import linear_between
 
 #: Distance of a particle from a border of parts that counts as none, over the length.
 AT_BORDER = 1e-9

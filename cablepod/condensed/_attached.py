@@ -14,7 +14,7 @@ import numpy as np
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._parameters import Attachment, Parameters
-from cablepod.wind._air import linear_between
+from cablepod.scene._wind_field import linear_between
 
 if TYPE_CHECKING:
     from cablepod.condensed._coefficients import Coefficients

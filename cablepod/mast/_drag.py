@@ -9,10 +9,8 @@ import numpy as np
 
 from cablepod.mast._beam import DRAG_AREA, Beam, hermite
 from cablepod.parameters._mast import MastParameters
-from cablepod.wind._air import density_of
+from cablepod.wind._air import density_of, mean_velocity
 from cablepod.wind._mast_air import MastAir, has_ramp
-from cablepod.wind._profile import mean_speed
-from cablepod.wind._turbulence import direction_of
 
 #: Gauss points of an element: drag in a power profile that begins at its lower end to 1e-3, elsewhere to 1e-8.
 GAUSS_POINTS = 8
@@ -82,7 +80,7 @@ def drag_of_mast(p: MastParameters, beam: Beam, air: MastAir | None) -> MastDrag
     if air is not None and not air.has_profile:
         velocity = (air.weights_at(heights.ravel()) @ air.of_mast(air.mean)).reshape(*heights.shape, 2)
     elif p.wind is not None:
-        velocity = mean_speed(p.wind, heights - float(p.wind["ground"]))[..., None] * direction_of(p.wind)[[0, 2]]
+        velocity = mean_velocity(p, heights)[..., [0, 2]]
     else:
         velocity = np.zeros((*heights.shape, 2))
     hats = np.repeat(np.stack([1.0 - upper, upper])[None], beam.length.size, axis=0)  # (element, end, point)

@@ -36,10 +36,10 @@ from cablepod.mast._sections import NEED_FORCES
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
+from cablepod.parameters._parameters import has_record
 from cablepod.parameters._time_functions import check_reach
 from cablepod.scene._mast_notes import warn_of_unusual_mast
 from cablepod.scene._warnings import without_warnings
-from cablepod.wind._air import has_record
 from cablepod.wind._mast_air import mast_air
 
 #: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.

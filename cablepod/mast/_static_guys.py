@@ -21,10 +21,10 @@ from cablepod.parameters._guys import Guy
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._mast_field import GUY_POINTS
+from cablepod.scene._wind_field import linear_between
+from cablepod.wind._air import density_of, mean_velocity
 from cablepod.wind._drag import drag_of, straight_drag
 from cablepod.wind._mast_air import MastAir
-from cablepod.wind._profile import mean_speed
-from cablepod.wind._turbulence import direction_of
 
 #: Points along a guy for the mean drag, and passes with the shape in the wind.
 POINTS, PASSES = 41, 3
@@ -181,18 +181,13 @@ def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | 
 
 def _in_wind(guy: StaticGuy, number: int, p: MastParameters, air: MastAir | None) -> StaticGuy:
     """Return the guy of pieces of a number with the mean drag, see :func:`with_mean_drag`."""
-    if air is None:
-        assert p.wind is not None
-        table, density = p.wind, float(p.wind["air_density"])
 
-        def wind(position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-            return np.asarray(mean_speed(table, position[:, 1] - float(table["ground"]))[:, None] * direction_of(table))
-    else:
-        density, points, own = air.density, np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[number]
+    def wind(position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+        if air is None:
+            return mean_velocity(p, position[:, 1])
+        return linear_between(np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[number], sigma, axis=0)
 
-        def wind(position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-            return np.stack([np.interp(sigma, points, part) for part in own.T], axis=1)
-
+    density = density_of(p) if air is None else air.density
     assert guy.pieces is not None
     return replace(guy, pieces=in_mean_wind(guy.p, guy.pieces, wind, density, guy.length_key))
 
@@ -205,11 +200,10 @@ def _uniform_in_wind(
     if not guys:
         return []
     sigma, upper = np.linspace(0.0, 1.0, POINTS), np.array([guy.p.upper for guy in guys])
-    density = float(p.wind["air_density"]) if air is None else air.density  # type: ignore[index]
+    density = density_of(p) if air is None else air.density
     drag = np.array([drag_of(guy.p, density) for guy in guys])
     if air is not None:
-        points, own = np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[which]
-        wind = np.array([[np.interp(sigma, points, part) for part in along.T] for along in own])
+        wind = linear_between(np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)[which], sigma)
     for _ in range(PASSES):
         statics = GuyStatics(guys, upper)
         x, y = np.empty((2, len(guys), POINTS))
@@ -217,16 +211,14 @@ def _uniform_in_wind(
             solved, load, stiffness = statics.solved[g], float(statics.loads[g]), float(guy.p.stiffness)
             x[g], y[g], _ = shape(guy.length * sigma, solved, load, stiffness)
         lower, across, against = statics.frames
-        position = lower[..., None] + x[:, None] * across[..., None] + y[:, None] * against[..., None]
-        reach = np.gradient(position, sigma, axis=2)
+        position = lower[:, None] + x[..., None] * across[:, None] + y[..., None] * against[:, None]
         if air is None:
-            assert p.wind is not None
-            speed = mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))
-            wind = speed[:, None] * direction_of(p.wind)[:, None]
-        drags = straight_drag((drag / statics.lengths)[:, None], reach, wind, axis=1)[0]
-        loads = 6.0 * np.trapezoid(sigma * (1.0 - sigma) * drags, sigma, axis=2)
-        shares = weights_of_ends(sigma)[:, None]
-        rest = np.trapezoid(shares * (drags - loads[..., None])[:, None], sigma, axis=3)
+            wind = mean_velocity(p, position[..., 1])
+        reach = np.gradient(position, sigma, axis=1)
+        drags = straight_drag((drag / statics.lengths)[:, None], reach, wind)[0]
+        loads = 6.0 * np.trapezoid((sigma * (1.0 - sigma))[:, None] * drags, sigma, axis=1)
+        shares = weights_of_ends(sigma)[..., None]
+        rest = np.trapezoid(shares * (drags - loads[:, None])[:, None], sigma, axis=2)
         guys = [
             replace(guy, p=replace(guy.p, load=load), reactions=guy.length * reactions)
             for guy, load, reactions in zip(guys, loads, rest, strict=True)

@@ -28,6 +28,11 @@ class InWind(Protocol):
         """Values of the table [wind.turbulence]; None for steady wind."""
 
 
+def has_record(p: InWind) -> bool:
+    """Tell whether the wind of a scene is that of a file."""
+    return p.turbulence is not None and "record" in p.turbulence
+
+
 @dataclass(frozen=True)
 class PointLoad:
     """Force on one point of the cable."""

@@ -10,7 +10,8 @@ import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._mast import MastParameters
-from cablepod.scene._wind_field import by_axes, checked_field, field_of_record, key_of_record
+from cablepod.parameters._parameters import has_record
+from cablepod.scene._wind_field import by_axes, checked_field, field_of_record, key_of_record, linear_between
 
 #: Points of the air along each guy, and along the mast.
 GUY_POINTS, MAST_POINTS = 9, 17
@@ -56,8 +57,8 @@ def check_mast_record(p: MastParameters) -> None:
     SceneError
         The message begins with the key of the record.
     """
-    if p.turbulence is not None and "record" in p.turbulence:
-        at_mast_points(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))
+    if has_record(p):
+        at_mast_points(p, p.duration or 0.0, field_of_record(p), key_of_record(p))
 
 
 def at_mast_points(
@@ -86,12 +87,8 @@ def at_mast_points(
         time, sigma, values, means = checked_field(spatial, end_time, own, key)
         if velocity is None:
             velocity = np.empty((time.size, len(position), 3))
-        place = np.clip(np.searchsorted(sigma, relative[where]), 1, max(sigma.size - 1, 1))
-        low, high = place - 1, np.minimum(place, sigma.size - 1)
-        width = np.where(high > low, sigma[high] - sigma[low], 1.0)
-        share = np.clip((relative[where] - sigma[low]) / width, 0.0, 1.0)[:, None]
-        velocity[:, where] = (1.0 - share) * values[:, low] + share * values[:, high]
-        mean[where] = (1.0 - share) * means[low] + share * means[high]
+        velocity[:, where] = linear_between(sigma, values, relative[where])
+        mean[where] = linear_between(sigma, means, relative[where], axis=0)
     return time, velocity, mean
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import xarray as xr
 from cablepod._inputs import check_units
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, named, scene_error
-from cablepod.parameters._parameters import InWind, Parameters
+from cablepod.parameters._parameters import InWind, Parameters, has_record
 from cablepod.scene._files import read_bytes
 
 #: Key of the record.
@@ -48,15 +47,16 @@ def read_wind_record(path: Path, expected: str | None) -> dict[str, str]:
     return {"record": str(path), "record_sha256": digest}
 
 
-def field_of_record(turbulence: Mapping[str, Any]) -> xr.Dataset:
-    """Return the field of a record by path and content hash.
+def field_of_record(p: InWind) -> xr.Dataset:
+    """Return the field of the record of a scene by path and content hash.
 
     Raises
     ------
     SceneError
         If the file has gone, or is not as it was when the scene was made.
     """
-    return _field(str(turbulence["record"]), str(turbulence["record_sha256"]))
+    assert p.turbulence is not None
+    return _field(str(p.turbulence["record"]), str(p.turbulence["record_sha256"]))
 
 
 def check_wind_record(p: Parameters) -> None:
@@ -67,8 +67,8 @@ def check_wind_record(p: Parameters) -> None:
     SceneError
         As :func:`checked_field`.
     """
-    if p.turbulence is not None and "record" in p.turbulence:
-        checked_field(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))
+    if has_record(p):
+        checked_field(p, p.duration or 0.0, field_of_record(p), key_of_record(p))
 
 
 def check_above_ground(p: Parameters, position: np.ndarray | None = None) -> None:
@@ -144,6 +144,16 @@ def checked_field(
         if not np.isfinite(mean).all():
             raise SceneError(f"{key}: given a mean_wind that is not finite; allowed: finite velocities [m/s]")
     return time, sigma, velocity, mean
+
+
+def linear_between(given: np.ndarray, values: np.ndarray, places: np.ndarray, axis: int = 1) -> np.ndarray:
+    """Interpolate values (samples, points, dims), given at rising places or instants along an axis, to others, held beyond."""
+    if given.size == 1:
+        return np.repeat(values, places.size, axis=axis)
+    right = np.clip(np.searchsorted(given, places), 1, given.size - 1)
+    share = np.clip((places - given[right - 1]) / (given[right] - given[right - 1]), 0.0, 1.0)
+    share = share.reshape(-1, *[1] * (values.ndim - 1 - axis))
+    return (1.0 - share) * values.take(right - 1, axis) + share * values.take(right, axis)
 
 
 def by_axes(field: xr.Dataset) -> xr.Dataset:

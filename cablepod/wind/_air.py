@@ -12,9 +12,16 @@ import xarray as xr
 
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, warn
-from cablepod.parameters._parameters import InWind, Parameters
+from cablepod.parameters._parameters import InWind, Parameters, has_record
 from cablepod.parameters._time_functions import smooth_step
-from cablepod.scene._wind_field import RECORD, check_above_ground, checked_field, field_of_record, key_of_record
+from cablepod.scene._wind_field import (
+    RECORD,
+    check_above_ground,
+    checked_field,
+    field_of_record,
+    key_of_record,
+    linear_between,
+)
 from cablepod.wind._drag import drag_of
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import across_of, direction_of, gusts
@@ -69,16 +76,6 @@ class CableAir:
     def largest_speed(self) -> float:
         """Largest speed of the air [m/s]."""
         return float(np.sqrt((self.velocity * self.velocity).sum(axis=-1)).max())
-
-
-def linear_between(given: np.ndarray, values: np.ndarray, places: np.ndarray, axis: int = 1) -> np.ndarray:
-    """Interpolate values (samples, points, dims), given at rising places or instants along an axis, to others, held beyond."""
-    if given.size == 1:
-        return np.repeat(values, places.size, axis=axis)
-    right = np.clip(np.searchsorted(given, places), 1, given.size - 1)
-    share = np.clip((places - given[right - 1]) / (given[right] - given[right - 1]), 0.0, 1.0)
-    share = share.reshape(-1, *[1] * (values.ndim - 1 - axis))
-    return (1.0 - share) * values.take(right - 1, axis) + share * values.take(right, axis)
 
 
 def air_of(p: Parameters, end_time: float, given: xr.Dataset | None = None) -> CableAir | None:
@@ -144,11 +141,6 @@ def mean_air_of(p: Parameters) -> CableAir | None:
     return _of_scene(p if has_record(p) else replace(p, turbulence=None), 0.0).steady
 
 
-def has_record(p: InWind) -> bool:
-    """Tell whether the wind of a scene is that of a file."""
-    return p.turbulence is not None and "record" in p.turbulence
-
-
 @lru_cache(16)
 def _of_scene(p: Parameters, end_time: float) -> CableAir:
     """Return the air of the tables [wind] and [wind.turbulence]."""
@@ -156,23 +148,28 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     if has_record(p):
         return _of_record(p, end_time)
     sigma, position = rest_points(p)
-    ramp = float(p.wind.get("ramp", 0.0))
-    mean = mean_velocity(p, position)
+    ramp, mean = float(p.wind["ramp"]), mean_velocity(p, position[:, 1])
     if p.turbulence is not None:
         rate, interval = 1.0 / INTERVAL, INTERVAL
         content = ByKey((key_of_wind(p), position.tobytes()), (p, position))
         velocity = mean + _kept_turbulence(content, end_time)[: instants_until(end_time)]
-        time = np.arange(len(velocity)) * INTERVAL
     else:
-        rate, interval = (RAMP_SAMPLES / ramp, ramp / PARTS_OF_RAMP) if ramp else (1.0, math.inf)
-        time = (
-            np.arange(RAMP_SAMPLES + 2 if ramp else 2) / rate
-        )  # the last two equal, as the wind is steady from there on
-        velocity = np.repeat(mean[None], time.size, axis=0)
-    if ramp:
-        velocity = velocity * smooth_step(np.asarray(time / ramp, dtype=float))[:, None, None]
-    at_start = 0.0 * mean if ramp else mean
-    return CableAir(velocity, sigma, rate, drag_of(p, float(p.wind["air_density"])), at_start, interval)
+        # the last two samples of a ramp are equal, as the wind is steady from there on
+        count, rate, interval = (
+            (RAMP_SAMPLES + 2, RAMP_SAMPLES / ramp, ramp / PARTS_OF_RAMP) if ramp else (2, 1.0, math.inf)
+        )
+        velocity = np.repeat(mean[None], count, axis=0)
+    return _ramped(p, CableAir(velocity, sigma, rate, drag_of(p, density_of(p)), mean, interval))
+
+
+def _ramped(p: Parameters, air: CableAir) -> CableAir:
+    """Return the air with the ramp of the scene."""
+    assert p.wind is not None
+    ramp = float(p.wind["ramp"])
+    if not ramp:
+        return air
+    step = smooth_step(np.arange(len(air.velocity)) / air.samples_per_second / ramp)
+    return replace(air, velocity=air.velocity * step[:, None, None], mean=0.0 * air.mean)
 
 
 def density_of(p: InWind) -> float:
@@ -215,10 +212,10 @@ def _halved(speed: np.ndarray, parts: int) -> np.ndarray:
     return np.array(chosen)
 
 
-def mean_velocity(p: InWind, position: np.ndarray) -> np.ndarray:
-    """Return the mean velocity of the air (points, dims) [m/s]."""
+def mean_velocity(p: InWind, height: np.ndarray) -> np.ndarray:
+    """Return the mean velocity of the air at heights y of a scene [m] (..., dims) [m/s]."""
     assert p.wind is not None
-    return mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))[:, None] * direction_of(p.wind)
+    return mean_speed(p.wind, height - float(p.wind["ground"]))[..., None] * direction_of(p.wind)
 
 
 def instants_until(end_time: float) -> int:
@@ -282,16 +279,10 @@ def _of_field(p: Parameters, end_time: float, given: xr.Dataset, key: str = "win
 
 def _of_record(p: Parameters, end_time: float) -> CableAir:
     """Return the air of wind.turbulence.record, with the ramp of the scene."""
-    assert p.wind is not None
-    assert p.turbulence is not None
     sigma, position = rest_points(p)
-    air = _of_field(p, end_time, field_of_record(p.turbulence), key_of_record(p))
-    warn_of_other_mean(air.steady.at(sigma)[0], mean_velocity(p, position), "along the cable")
-    ramp = float(p.wind.get("ramp", 0.0))
-    if not ramp:
-        return air
-    step = smooth_step(np.arange(len(air.velocity)) / air.samples_per_second / ramp)
-    return replace(air, velocity=air.velocity * step[:, None, None], mean=0.0 * air.mean)
+    air = _of_field(p, end_time, field_of_record(p), key_of_record(p))
+    warn_of_other_mean(air.steady.at(sigma)[0], mean_velocity(p, position[:, 1]), "along the cable")
+    return _ramped(p, air)
 
 
 def resampled(time: np.ndarray, velocity: np.ndarray) -> tuple[float, np.ndarray]:

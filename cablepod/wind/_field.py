@@ -16,14 +16,14 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, point
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.parameters._parameters import has_record
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._mast_field import mast_points
+from cablepod.scene._wind_field import linear_between
 from cablepod.wind._air import (
     INTERVAL,
     air_of,
-    has_record,
     instants_until,
-    linear_between,
     mean_velocity,
     rest_points,
     turbulence_at,
@@ -102,7 +102,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     if has_record(p) or (is_mast and points is None):
         mean, velocity = (_of_mast if is_mast else _of_record)(p, time, seed, points)
     else:
-        mean = mean_velocity(p, position)
+        mean = mean_velocity(p, position[:, 1])
         velocity = np.repeat(mean[None], time.size, axis=0)
         if p.turbulence is not None:
             velocity += _turbulence(p, position, time)

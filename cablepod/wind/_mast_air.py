@@ -13,18 +13,17 @@ import xarray as xr
 
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
+from cablepod.parameters._parameters import has_record
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS, at_mast_points, mast_points
-from cablepod.scene._wind_field import field_of_record, key_of_record
+from cablepod.scene._wind_field import field_of_record, key_of_record, linear_between
 from cablepod.wind._air import (
     INTERVAL,
     SAMPLES_TOGETHER,
     ByKey,
     density_of,
-    has_record,
     instants_until,
     key_of_wind,
-    linear_between,
     mean_velocity,
     resampled,
     turbulence_at,
@@ -150,7 +149,7 @@ def _of_scene(content: ByKey) -> MastAir:
     if has_record(p):
         return _of_record(p, end_time)
     position = mast_points(p)[0]
-    mean, ramp = mean_velocity(p, position), float(p.wind["ramp"])
+    mean, ramp = mean_velocity(p, position[:, 1]), float(p.wind["ramp"])
     if p.turbulence is None and not ramp:
         velocity = np.repeat(mean[None], 2, axis=0)
     else:
@@ -184,16 +183,15 @@ def _of_field(content: ByKey) -> MastAir:
     """Return the air of a given field."""
     p, _, (rate, velocity, mean) = content.values
     position = mast_points(p)[0]
-    profile = mean_velocity(p, position) if p.wind is not None else None
+    profile = mean_velocity(p, position[:, 1]) if p.wind is not None else None
     has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9)) and not has_ramp(p)
     return MastAir(position, velocity, rate, mean, mean, density_of(p), has_profile)
 
 
 def _of_record(p: MastParameters, end_time: float) -> MastAir:
     """Return the air of wind.turbulence.record, with the ramp of the scene."""
-    assert p.turbulence is not None
-    air = _of_field(_content(p, end_time, field_of_record(p.turbulence), key_of_record(p)))
-    warn_of_other_mean(air.mean, mean_velocity(p, air.positions), "on mast and guys")
+    air = _of_field(_content(p, end_time, field_of_record(p), key_of_record(p)))
+    warn_of_other_mean(air.mean, mean_velocity(p, air.positions[:, 1]), "on mast and guys")
     return _ramped(p, air)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.conventions import STILL_AIR
-from cablepod.parameters._parameters import InWind
+from cablepod.parameters._parameters import InWind, has_record
 
 
 def mean_speed(wind: Mapping[str, Any], height: np.ndarray) -> np.ndarray:
@@ -25,7 +25,7 @@ def mean_speed(wind: Mapping[str, Any], height: np.ndarray) -> np.ndarray:
 
 def air_at_rest(p: InWind) -> str:
     """Return in words in which air a scene is at rest: its mean wind, or with a ramp the still air from which that rises."""
-    recorded = p.turbulence is not None and "record" in p.turbulence
+    recorded = has_record(p)
     if p.wind is None or not (recorded or float(p.wind["speed"])):
         return STILL_AIR
     if float(p.wind["ramp"]):

@@ -54,7 +54,7 @@ def gusts(
     phases_of = _phases if kept else _phases.__wrapped__
     phases = [phases_of(seed, is_across, len(position), harmonics) for is_across in across]
     with one_blas_thread():  # the same order of sums on any number of threads, and faster for small matrices
-        coupled = _coupled(phases, frequency, *_separations(wind, turbulence, position, height, direction, along))
+        coupled = _coupled(phases, frequency, _decay_times(wind, turbulence, position, height, direction, along))
     # Taylor's hypothesis: the turbulence is carried along by one speed
     speed = max(float(mean_speed(wind, np.array(float(wind["reference_height"])))), 1e-300)
     if np.ptp(along) > 0.0:
@@ -105,14 +105,14 @@ def across_of(wind: Mapping[str, Any]) -> np.ndarray | None:
     return np.array([-direction[2], 0.0, direction[0]]) if direction.size == 3 else None
 
 
-def _separations(
+def _decay_times(
     wind: Mapping[str, Any],
     turbulence: Mapping[str, Any],
     position: np.ndarray,
     height: np.ndarray,
     direction: np.ndarray,
     along: np.ndarray,
-) -> tuple[np.ndarray]:
+) -> np.ndarray:
     """Return the decay times of Davenport's coherence between all points (points, points) [s]."""
     if np.size(turbulence["decay"]) != 2:
         raise scene_error("wind.turbulence.decay", turbulence["decay"], "two numbers")
@@ -122,7 +122,9 @@ def _separations(
     distance = level[:, None] - level[None, :]
     up = distance[..., 1]
     aside = np.sqrt(np.maximum((distance * distance).sum(axis=-1) - up * up, 0.0))
-    return (np.sqrt((vertical * up) ** 2 + (horizontal * aside) ** 2) / (0.5 * (speed[:, None] + speed[None, :])),)
+    return np.asarray(
+        np.sqrt((vertical * up) ** 2 + (horizontal * aside) ** 2) / (0.5 * (speed[:, None] + speed[None, :]))
+    )
 
 
 def _coupled(phases: Sequence[np.ndarray], frequency: np.ndarray, decay: np.ndarray) -> np.ndarray:
