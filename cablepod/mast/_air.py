@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.condensed._air_places import AirPlaces, projection_matrix
 from cablepod.mast._drag import MastDrag
 from cablepod.mast._kernels_layout import NODES_TOGETHER, TAPS, Loads, MastWind
 from cablepod.mast._model import ModalMast
@@ -69,22 +70,10 @@ def steady_along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
 
 @lru_cache
 def to_gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return places and weights of Gauss points, and the matrix from the points of a guy's air to them.
-
-    Integrals of the velocity times polynomials of a degree below `count` are kept: single values would alias short gusts.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    places, weights = 0.5 * (1.0 + nodes), 0.5 * weights
-    knots = np.linspace(0.0, 1.0, GUY_POINTS)
-    width = np.diff(knots)
-    sigma = (knots[:-1, None] + 0.5 * width[:, None] * (1.0 + nodes)).ravel()
-    parts = (0.5 * width[:, None] * 2.0 * weights).ravel()
-    lagrange = np.ones((count, sigma.size))
-    for g, node in enumerate(places):
-        for other in np.delete(places, g):
-            lagrange[g] *= (sigma - other) / (node - other)
-    hats = np.maximum(0.0, 1.0 - np.abs(sigma[:, None] - knots) * (GUY_POINTS - 1))
-    return places, weights, (lagrange * parts) @ hats / weights[:, None]
+    """Return places and weights of Gauss points, and the matrix from the points of a guy's air to them."""
+    places = AirPlaces(((0.0, 1.0, count),), ())
+    matrix = projection_matrix(places, np.linspace(0.0, 1.0, GUY_POINTS).tobytes())
+    return places.sigma, places.weights(1.0), matrix[:count]
 
 
 class Drive(NamedTuple):

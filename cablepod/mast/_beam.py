@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache, wraps
+from functools import cached_property, lru_cache, wraps
 from typing import Any, TypeVar
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.errors import OutOfRangeWarning, warn
 from cablepod.parameters._mast import MastParameters
 
@@ -120,12 +121,14 @@ class Beam:
     @cached_property
     def _places(self) -> np.ndarray:
         """Heights of the quadrature points (element, point) [m]."""
-        return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + _gauss()[0])
+        return self.height[:-1, None] + self.length[:, None] * gauss_rule(GAUSS_POINTS)[0]
 
     def _blocks(self, derivative: int, values: np.ndarray) -> np.ndarray:
         """Integrate values (element, point) times products of derivatives of the shapes, for each element (element, 4, 4)."""
         shapes = self._shapes(derivative)
-        return (shapes * (0.5 * self.length[:, None] * _gauss()[1] * values)[:, None]) @ np.swapaxes(shapes, 1, 2)
+        return (shapes * (self.length[:, None] * gauss_rule(GAUSS_POINTS)[1] * values)[:, None]) @ np.swapaxes(
+            shapes, 1, 2
+        )
 
     def _assembled(self, derivative: int, values: np.ndarray) -> np.ndarray:
         """Return the same for all unknowns of one direction."""
@@ -137,7 +140,7 @@ class Beam:
     @kept
     def _shapes(self, derivative: int) -> np.ndarray:
         """Return a derivative of the shapes at the quadrature points (element, 4, point)."""
-        return np.array([hermite(0.5 * (1.0 + _gauss()[0]), s, derivative) for s in self.length.tolist()])
+        return np.array([hermite(gauss_rule(GAUSS_POINTS)[0], s, derivative) for s in self.length.tolist()])
 
     def _both(self, matrix: np.ndarray) -> np.ndarray:
         zero = np.zeros_like(matrix)
@@ -230,11 +233,6 @@ class Beam:
         for direction in range(2):
             result[:, direction, direction * self.free.size : (direction + 1) * self.free.size] = single[:, self.free]
         return result
-
-
-@cache
-def _gauss() -> tuple[np.ndarray, np.ndarray]:
-    return np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
 
 def beam_of(p: MastParameters) -> Beam:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.errors import SceneError
 from cablepod.mast._static_guys import GuyStatics, StaticGuy
 
@@ -85,9 +86,8 @@ def _of_values(sigma: np.ndarray, values: np.ndarray) -> Shapes:
 
 def _rule() -> tuple[np.ndarray, np.ndarray]:
     """Return places and weights of the quadrature along a guy."""
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    left = np.arange(INTERVALS)[:, None]
-    return ((left + 0.5 * (1.0 + nodes)) / INTERVALS).ravel(), np.tile(0.5 * weights / INTERVALS, INTERVALS)
+    nodes, weights = gauss_rule(GAUSS_POINTS)
+    return ((np.arange(INTERVALS)[:, None] + nodes) / INTERVALS).ravel(), np.tile(weights / INTERVALS, INTERVALS)
 
 
 def _integrated(basis: Any) -> Shapes:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.mast._beam import DRAG_AREA, Beam, hermite
 from cablepod.parameters._mast import MastParameters
 from cablepod.wind._air import density_of, mean_velocity
@@ -73,8 +74,7 @@ def drag_of_mast(p: MastParameters, beam: Beam, air: MastAir | None) -> MastDrag
     air
         Whose mean is that of a record or field; None for the profile of [wind], or still air.
     """
-    points, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    upper = 0.5 * (1.0 + points)
+    upper, weights = gauss_rule(GAUSS_POINTS)
     heights = beam.height[:-1, None] + beam.length[:, None] * upper
     rises = has_ramp(p) if air is None else bool(air.ramp)
     if air is not None and not air.has_profile:
@@ -85,7 +85,7 @@ def drag_of_mast(p: MastParameters, beam: Beam, air: MastAir | None) -> MastDrag
         velocity = np.zeros((*heights.shape, 2))
     hats = np.repeat(np.stack([1.0 - upper, upper])[None], beam.length.size, axis=0)  # (element, end, point)
     hats[0] = [0.0 * upper, 1.0 + 0.0 * upper]
-    area = hats * (np.maximum(beam.section[:, DRAG_AREA], NONE) * beam.length)[:, None, None] * 0.5 * weights
+    area = hats * (np.maximum(beam.section[:, DRAG_AREA], NONE) * beam.length)[:, None, None] * weights
     speed = np.linalg.norm(velocity, axis=-1)
     drag = area * np.maximum(speed**2, NONE)[:, None]
     shapes = np.array([hermite(upper, length, 0) for length in beam.length.tolist()])
