@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cablepod.catenary._end_stiffness import gauss_rule
+from cablepod.condensed._air_places import FINE, projection
 from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
 from cablepod.mast import _kernels_layout as layout
 from cablepod.mast._air import to_gauss
@@ -86,14 +88,20 @@ class Lanes:
         return result
 
     def wind(self, velocity: np.ndarray) -> layout.CondensedWind:
-        """Return the drag at points of the guys for velocities of the air there, see :class:`CondensedWind`."""
+        """Return the drag at points of the guys for velocities of the air there, see :class:`CondensedWind`.
+
+        Integrals of shapes times polynomials of a degree below the number of points are kept.  By single values of the shapes the
+        last ones would be damped by up to 1.7 times as much.
+        """
         model = self.model
         assert model.air is not None
         places, weights, _ = to_gauss(model.drag_points)
         drag = np.array([drag_of(guy.p, model.air.density) for guy in model.mast.rest.p.guys]) * model.guys.length
+        fine, fine_weights = gauss_rule(FINE * places.size)
+        onto_points = projection(places.size, fine, fine_weights)
         shapes, slopes = np.zeros((2, 2, places.size, self.modes))
         for part, shape in enumerate(model.shapes):
-            shapes[part, :, : self.rank] = shape.basis(places, 0).T
+            shapes[part, :, : self.rank] = onto_points @ shape.basis(fine, 0).T
             slopes[part, :, : self.rank] = shape.basis(places, 1).T
         return layout.CondensedWind.of(velocity, self.of(drag[:, None] * weights), places, shapes, slopes)
 
