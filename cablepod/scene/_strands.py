@@ -30,16 +30,15 @@ NAME, SOURCE = "name", "source"
 @lru_cache(1)
 def strands() -> dict[str, dict[str, float]]:
     """Return the keys of a cable that each strand of the shipped table gives, by its name."""
-    with (data_folder() / "strands.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    rows = read_strands("cable.strand", data_folder() / "strands.csv")
     return {
-        row[NAME]: {
-            "youngs_modulus": float(row["youngs_modulus_Pa"]),
-            "area": float(row["area_m2"]),
-            "density": float(row["mass_kg_per_m"]) / float(row["area_m2"]),
-            "breaking_strength": float(row["breaking_strength_N"]),
+        name: {
+            "youngs_modulus": row["youngs_modulus"],
+            "area": row["area"],
+            "density": row["mass_per_length"] / row["area"],
+            "breaking_strength": row["breaking_strength"],
         }
-        for row in rows
+        for name, row in rows.items()
     }
 
 
