@@ -72,9 +72,8 @@ class ModalMast:
 
     @cached_property
     def heights(self) -> np.ndarray:
-        """Heights of the guys, each once [m]; the top where there is none."""
-        levels = np.unique(self.rest.levels)
-        return levels if levels.size and levels[-1] == self.rest.p.height else np.append(levels, self.rest.p.height)
+        """Heights of the guys, each once, and of the top [m]."""
+        return self.rest.p.levels
 
     @cached_property
     def level_of_guy(self) -> np.ndarray:

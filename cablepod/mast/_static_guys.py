@@ -13,7 +13,7 @@ from cablepod.catenary._formulas import FOUND
 from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
 from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
 from cablepod.catenary._shape import shape
-from cablepod.catenary._statics import length_as_tensioned, load_plane, solve_statics
+from cablepod.catenary._statics import length_as_tensioned, solve_statics
 from cablepod.catenary._uniform import resolved, solve_catenaries
 from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
@@ -50,16 +50,6 @@ class StaticGuy:
         """Return the guy with its upper end elsewhere [m]."""
         return replace(self, p=replace(self.p, upper=upper))
 
-    def force(self) -> tuple[np.ndarray, float, float]:
-        """Return the force of the load on the mast (3,), and the tensions at the anchor and at the mast [N]."""
-        if self.pieces is not None:
-            anchor, mast = self.hung().end_forces
-            return -mast, float(np.linalg.norm(anchor)), float(np.linalg.norm(mast))
-        plane = load_plane(self.p)
-        _, _, horizontal, middle, lower, upper = solve_statics(self.p, "unstretched_length", self.length)
-        against = middle + 0.5 * plane.load * self.length
-        return -(horizontal * plane.across + against * plane.against), float(lower), float(upper)
-
     def hung(self) -> PiecewiseCatenary:
         """Return the catenary of a guy of pieces."""
         assert self.pieces is not None
@@ -69,14 +59,6 @@ class StaticGuy:
     def length_key(self) -> str:
         """Key path of its length."""
         return f"{self.key}.unstretched_length"
-
-    def stiffness(self) -> np.ndarray:
-        """Return the stiffness of the upper end (3, 3) [N/m]."""
-        if self.pieces is not None:
-            return end_stiffness(self.hung())
-        if not self.force()[2] > 0.0:
-            return np.zeros((3, 3))  # slack, without weight
-        return static_stiffness(self.p, self.length, self.p.upper)
 
 
 class GuyStatics:
@@ -93,11 +75,11 @@ class GuyStatics:
         self.loads = plane[3]  #: per unstretched length (guys,) [N/m]
         #: solutions of the uniform catenaries (guys, 6), see ``cablepod.catenary._formulas``; nan for guys of pieces
         self.solved, status = solve_catenaries(plane, self._spring, "unstretched_length", self.lengths)
-        own = [g for g, guy in enumerate(guys) if guy.pieces is not None]
-        self._hung = {g: guys[g].at(upper[g]).hung() for g in own}
-        self.solved[own] = np.nan
+        self._hung = {g: guy.at(upper[g]).hung() for g, guy in enumerate(guys) if guy.pieces is not None}
+        self.solved[list(self._hung)] = np.nan
         for g in np.flatnonzero(status != FOUND).tolist():
-            guys[g].at(upper[g]).force()  # says what is wrong
+            if g not in self._hung:
+                solve_statics(guys[g].at(upper[g]).p, "unstretched_length", guys[g].length)  # says what is wrong
 
     @property
     def frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -136,8 +118,13 @@ class GuyStatics:
         force, least = self.solved[:, 2], STRAIGHT * self.solved[:, 4:].sum(axis=1)
         curved = (self.loads * self.lengths > least) & (force > least)
         for g in np.flatnonzero(~curved).tolist():  # straight, slack, along the load, or of pieces
-            hung = self._hung.get(g)
-            result[g] = self._guys[g].at(self._upper[g]).stiffness() if hung is None else end_stiffness(hung)
+            guy, hung = self._guys[g], self._hung.get(g)
+            if hung is not None:
+                result[g] = end_stiffness(hung)
+            elif not self.solved[g, -1] > 0.0:
+                result[g] = 0.0  # slack, without weight
+            else:
+                result[g] = static_stiffness(guy.p, guy.length, self._upper[g])
         each = self._across, self._against, self.solved, self.loads, self.lengths, self.lengths / self._spring
         result[curved] = curved_stiffness(*(values[curved] for values in each))
         return result

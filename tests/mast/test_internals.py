@@ -18,7 +18,7 @@ from cablepod.mast._drag import drag_of_mast
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest
 from cablepod.mast._runs import MastCase
-from cablepod.mast._static_guys import static_guys
+from cablepod.mast._static_guys import GuyStatics, static_guys
 from cablepod.mast._statics import _at, rest_in, rest_of
 from cablepod.parameters._mast import mast_parameters
 from cablepod.wind._mast_air import mean_mast_air
@@ -69,7 +69,9 @@ def test_condensed_guys_at_rest_pull_as_catenaries_do():
     exact, guys = condensed(small(), 16)
     forces = guys.forces(guys.rest(guys.upper), guys.upper)[1]
     for guy, force in zip(exact, forces, strict=True):
-        np.testing.assert_allclose(force, guy.force()[0], atol=1e-4 * np.abs(force).max())
+        np.testing.assert_allclose(
+            force, GuyStatics([guy], guy.p.upper[None]).forces[0], atol=1e-4 * np.abs(force).max()
+        )
 
 
 @pytest.mark.parametrize("number", [0, 1, 3, 5])
@@ -110,12 +112,11 @@ def test_a_direction_normal_to_the_chord_is_that_of_each_guy():
 def test_stiffness_of_a_guy_is_the_slope_of_its_force():
     scene = with_things(wind=WIND)
     guy = rest_of(mast_parameters(scene)).guys[1]
+    stiffness = GuyStatics([guy], guy.p.upper[None]).stiffness()[0]
     step = 1e-4  # m
     for axis in np.eye(3):
-        high, low = (guy.at(guy.p.upper + sign * step * axis).force()[0] for sign in (1.0, -1.0))
-        np.testing.assert_allclose(
-            guy.stiffness() @ axis, (low - high) / (2.0 * step), atol=1e-5 * guy.stiffness().max()
-        )
+        high, low = (GuyStatics([guy], (guy.p.upper + sign * step * axis)[None]).forces[0] for sign in (1.0, -1.0))
+        np.testing.assert_allclose(stiffness @ axis, (low - high) / (2.0 * step), atol=1e-5 * stiffness.max())
 
 
 def test_a_straight_guy_brings_its_mass_to_the_mast():
