@@ -85,8 +85,22 @@ class MastCase:
 
     def _model(self, rank: int) -> Any:
         """Return the model of the guys, condensed ones with a number of modes."""
-        of_scene = self.wind is None and not has_record(self.p)
-        return _model_of(self.mast, self.guys, self.modes, rank, self.links, self.air, of_scene=of_scene)
+        if self.guys == "chain":
+            return ChainGuys(self.mast, self.links or links_of(self.p), self.air)
+        if self.guys == "catenary":
+            return CatenaryGuys(self.mast, self.air)
+        modes = self.modes
+        if modes is None and self.wind is None and not has_record(self.p):  # in the mean wind of the scene
+            return CondensedRun(guys_in_mean_wind(self.mast, rank), self.air)
+        rank = rank if modes is None else min(rank, modes.sizes["mode"])
+        return CondensedRun(CondensedGuys(self.mast, shapes_of(modes, rank), self.air), self.air)
+
+    @property
+    def size(self) -> dict[str, int]:
+        """Number of modes of condensed guys, or of links of chains, by the name of the option."""
+        if isinstance(self.model, ChainGuys):
+            return {"links": self.model.links}
+        return {"rank": self.count} if self.guys == "condensed" else {}
 
     def run(self) -> tuple[MastTrajectory, dict[str, Any]]:
         """Run, with an estimate of the error where it is asked; return the trajectory and what is known of its errors."""
@@ -103,12 +117,9 @@ class MastCase:
         """Return the attributes of a run; warn of what is out of range."""
         window, guys = self.window, self.guys
         _warn_of_slopes(self.mast, run)
-        kind: dict[str, Any] = {"rank": self.count} if guys == "condensed" else {}
-        if isinstance(self.model, ChainGuys):
-            kind = {"links": self.model.links}
         return {
             "title": f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}", "stage": "mast", "guys": guys,
-            "scheme": "velocity_verlet", "step": run.request.step, "number_of_steps": run.request.steps, **kind,
+            "scheme": "velocity_verlet", "step": run.request.step, "number_of_steps": run.request.steps, **self.size,
             **({} if window is None else {"window_start": float(window[0]), "window_end": float(window[1])}),
             **notes, **_least_force(self.p, run, guys),
         }  # fmt: skip
@@ -130,8 +141,7 @@ class MastCase:
             result,
             function="mast.simulate",
             parameters={
-                "guys": guys, "rank": self.count if guys == "condensed" else None,
-                "links": self.model.links if isinstance(self.model, ChainGuys) else None, "times": self.instants,
+                "guys": guys, "rank": None, "links": None, **self.size, "times": self.instants,
                 "step": run.request.step if self.step is None else self.step, "tolerance": self.tolerance,
                 "window": None if window is None else list(window),
                 "outputs": list(self.wanted),
@@ -214,18 +224,6 @@ def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any
         start, end = (number(least=0.0)("window", value) for value in window)
         if not start < end:
             raise scene_error("window", window, "start and end [s], rising")
-
-
-def _model_of(mast: ModalMast, guys: str, modes: Any, rank: int, links: int | None, air: Any, *, of_scene: bool) -> Any:
-    """Return the model of the guys; `of_scene` tells whether the air has the mean wind of the scene."""
-    if guys == "condensed" and modes is None and of_scene:
-        return CondensedRun(guys_in_mean_wind(mast, rank), air)
-    if guys == "condensed":
-        rank = rank if modes is None else min(rank, modes.sizes["mode"])
-        return CondensedRun(CondensedGuys(mast, shapes_of(modes, rank), air), air)
-    if guys == "chain":
-        return ChainGuys(mast, links or links_of(mast.rest.p), air)
-    return CatenaryGuys(mast, air)
 
 
 def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tuple[MastTrajectory, dict[str, Any]]:
