@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cablepod.catenary import _formulas as formulas
-from cablepod.catenary._least_tension import least_tension
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import CATENARY_KEYS
 
@@ -134,3 +134,32 @@ def check_solved(
         raise scene_error(name, value, allowed)
     allowed = "a finite value with a catenary in double precision (span, load >= 0, stiffness > 0)"
     raise scene_error(name, value, allowed)
+
+
+def _mean_tension_at(eta: float, a: float, c: float, q: float, stiffness: float) -> float:
+    """Compute the mean end tension for the sag parameter `eta`: T (1 + T/K) tanh(eta) = q l / 2."""
+    mean = 0.0
+    for _ in range(100):
+        sigma, _ = formulas._sigma(eta, mean / stiffness, 0.0)
+        p = 0.5 * q * math.sqrt(c * c + a * a * sigma) / math.tanh(eta)
+        new = 2.0 * p / (1.0 + math.sqrt(1.0 + 4.0 * p / stiffness))
+        if abs(new - mean) <= 1e-15 * new:
+            return new
+        mean = new
+    return mean
+
+
+def least_tension(a: float, b: float, c: float, q: float, stiffness: float, sign: float) -> float:
+    """Return the minimum tension [N] at the upper (`sign` 1) or lower (-1) end over all lengths.
+
+    The end tension T + q b / (2 (1 + e)) increases with the mean T, because no cable has T (1 + e) < q c / 2 (so that
+    (K + T)^2 > q b K / 2).  The minimum of the mean is searched over eta.
+    """
+    from scipy.optimize import minimize_scalar  # costly to import
+
+    def mean_tension(logarithm: float) -> float:
+        return _mean_tension_at(math.exp(logarithm), a, c, q, stiffness)
+
+    bounds = math.log(1e-4), math.log(300.0)
+    mean = float(minimize_scalar(mean_tension, bounds=bounds, method="bounded", options={"xatol": 1e-12}).fun)
+    return mean + sign * 0.5 * q * b / (1.0 + mean / stiffness)

@@ -8,9 +8,8 @@ import pytest
 from references import catenary_mpmath as reference
 
 from cablepod.catenary import _formulas as kernel
-from cablepod.catenary._least_tension import least_tension
 from cablepod.catenary._shape import shape
-from cablepod.catenary._uniform import FEW, resolved, solve_catenaries, solve_catenary
+from cablepod.catenary._uniform import FEW, least_tension, resolved, solve_catenaries, solve_catenary
 from cablepod.parameters._keys import CATENARY_KEYS
 
 MP = reference.MP
