@@ -31,7 +31,7 @@ def dataset_of(tree: Mapping[str, Any]) -> xr.Dataset:
     """
     axes = COORDINATES[: len(tree["ends"]["lower"]) if "ends" in tree else None]
     variables: Variables = {}
-    for parts, values in _tables_in(tree):
+    for parts, values in tables_in(tree):
         table = table_of(parts)
         if table is None or not table.of:  # holds other tables only, or is that of an ensemble
             continue
@@ -49,15 +49,16 @@ def dataset_of(tree: Mapping[str, Any]) -> xr.Dataset:
     return scene
 
 
-def _tables_in(tree: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+def tables_in(tree: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Yield the parts of the path and the values of each table of nested ones."""
     yield above, tree
     for name, value in tree.items():
         if isinstance(value, Mapping):
-            yield from _tables_in(value, (*above, name))
-        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            for number, entry in enumerate(value, start=1):
-                yield from _tables_in(entry, (*above, name, str(number)))
+            yield from tables_in(value, (*above, name))
+        elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            tables = ((number, entry) for number, entry in enumerate(value, start=1) if isinstance(entry, Mapping))
+            for number, entry in tables:
+                yield from tables_in(entry, (*above, name, str(number)))
 
 
 def _meaning(parts: tuple[str, ...]) -> str:

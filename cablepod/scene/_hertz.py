@@ -10,7 +10,9 @@ from cablepod.errors import SceneError, shown
 from cablepod.parameters._checks import number, numbers_list
 from cablepod.parameters._key_paths import flat, number_at
 from cablepod.parameters._keys import FREQUENCY, join
+from cablepod.parameters._tables import table_of
 from cablepod.parameters._time_functions import SINES
+from cablepod.scene._dataset import tables_in
 
 OMEGA = "angular_frequency"
 #: Angle of a cycle.
@@ -31,8 +33,8 @@ def in_radians(tree: Mapping[str, Any]) -> Mapping[str, Any]:
     SceneError
         For a frequency that is no number of at least 0, and for both keys in one table.
     """
-    for keys, path, table in list(_tables_of_sines(tree)):
-        tree = _replaced(tree, keys, _with_omega(path, table))
+    for parts, table in list(_tables_of_sines(tree)):
+        tree = _replaced(tree, parts, _with_omega(".".join(parts), table))
     ensemble = tree.get("ensemble")
     if isinstance(ensemble, Mapping) and isinstance(ensemble.get("ranges"), Mapping):
 
@@ -46,28 +48,23 @@ def in_radians(tree: Mapping[str, Any]) -> Mapping[str, Any]:
     return tree
 
 
-def _tables_of_sines(tree: Mapping[str, Any]) -> Iterator[tuple[tuple[Any, ...], str, Mapping[str, Any]]]:
-    """Yield keys, key path and values of each motion and factor of a load that has a frequency in Hz."""
-    mast = tree.get("mast")
-    below: list[tuple[tuple[Any, ...], Any]] = [(("load",), tree.get("load"))]
-    of_mast = mast.get("load") if isinstance(mast, Mapping) else None
-    for keys, loads in ((("point_load",), tree.get("point_load")), (("mast", "load"), of_mast)):
-        below += [((*keys, k), load) for k, load in enumerate(loads)] if isinstance(loads, list | tuple) else []
-    motion = tree.get("motion")
-    for end, axes in motion.items() if isinstance(motion, Mapping) else ():
-        below += [(("motion", end, axis), table) for axis, table in axes.items()] if isinstance(axes, Mapping) else []
-    for keys, table in below:
-        kind = table.get("kind") if isinstance(table, Mapping) and FREQUENCY in table else None
+def _tables_of_sines(tree: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Yield path and values of each motion and factor of a load that has a frequency in Hz."""
+    for parts, values in tables_in(tree):
+        table = table_of(parts)
+        kind = values.get("kind") if table is not None and table.factor is not None and FREQUENCY in values else None
         if isinstance(kind, str) and kind in SINES:
-            yield keys, ".".join(str(key + 1 if isinstance(key, int) else key) for key in keys), table
+            yield parts, values
 
 
-def _replaced(tree: Any, keys: tuple[Any, ...], value: Any) -> Any:
-    """Return nested tables with another value at its keys; all else is shared."""
-    if not keys:
+def _replaced(tree: Any, parts: tuple[str, ...], value: Any) -> Any:
+    """Return nested tables with another value at the parts of its path; all else is shared."""
+    if not parts:
         return value
-    copy: Any = list(tree) if isinstance(tree, list | tuple) else dict(tree)
-    copy[keys[0]] = _replaced(tree[keys[0]], keys[1:], value)
+    is_list = isinstance(tree, list | tuple)
+    copy: Any = list(tree) if is_list else dict(tree)
+    key: Any = int(parts[0]) - 1 if is_list else parts[0]
+    copy[key] = _replaced(tree[key], parts[1:], value)
     return copy
 
 
