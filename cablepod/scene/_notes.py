@@ -176,7 +176,7 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     gravity = math.hypot(*p.weight) / p.mass
     if gravity > 0.0:
         yield from outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
-    mass = p.mass if p.bare is None else p.bare.mass  # without ice
+    mass = (p.bare or p).mass  # without ice
     if p.masses is None:
         yield from outside(f"cable.{p.weight_key}", "a density", mass / numbers.area, DENSITY, "kg/m3")
     if p.link_stiffness is None:
@@ -189,7 +189,7 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
     what = f"a diameter of {numbers.diameter:.3g} m on a chord of {numbers.chord:.3g} m, with a ratio"
     yield from outside("cable.area", what, slenderness, SLENDERNESS, "")
     if p.diameter is not None:
-        diameter = float(_given_diameter(p))
+        diameter = float((p.bare or p).diameter)  # without ice
         what = f"a diameter of {diameter:.3g} m over that of a solid cross-section of the same area, a ratio"
         yield from outside("cable.diameter", what, diameter / numbers.diameter, DIAMETER_OVER_SOLID, "")
         yield from outside("ice.thickness", "ice", ice_thickness(p), (0.0, LARGEST_ICE), "m")
@@ -221,11 +221,6 @@ def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None)
             yield Note("ends.upper", f"{drop} (swapped?)", 0.0)
         else:
             yield Note("ends.inclination", f"an inclination of {p.inclination:g} degrees, {drop}", 0.0)
-
-
-def _given_diameter(p: Parameters) -> Any:
-    """Return the diameter without ice [m]."""
-    return p.diameter if p.bare is None else p.bare.diameter
 
 
 def _notes_of_motion(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
@@ -275,7 +270,7 @@ def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
     elif key in WEIGHT_KEYS:
         changes = {"mass": p.mass * factor, "weight": p.weight * factor}
     elif key in ("diameter", "ice"):
-        given, ice = _given_diameter(p), float(ice_thickness(p))
+        given, ice = (p.bare or p).diameter, float(ice_thickness(p))
         scaled = {"diameter": given, "ice": ice} | {key: factor * (given if key == "diameter" else ice)}
         mass = p.mass
         if ice:  # a coat has the mass of its section
@@ -322,7 +317,7 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
     """Return key path and text of the change of a key."""
     given = f"given in {unit}?" if unit else f"{factor:g} times what was given"
     area = math.nan if scaled.area is None else scaled.area
-    bare = scaled if scaled.bare is None else scaled.bare  # without ice, as it is given
+    bare = scaled.bare or scaled  # without ice, as it is given
     values = {
         "area": area,
         "youngs_modulus": scaled.stiffness / area,
@@ -331,7 +326,7 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
         "mass_per_length": bare.mass,
         "specific_weight": math.hypot(*bare.weight) / area,
         "breaking_strength": scaled.breaking_strength,
-        "diameter": _given_diameter(scaled),
+        "diameter": bare.diameter,
         "gravity": math.hypot(*scaled.weight) / scaled.mass,
         "ice": float(ice_thickness(scaled)),
         "inclination": scaled.inclination,
