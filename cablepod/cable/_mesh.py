@@ -89,7 +89,7 @@ class SpectralMesh(LumpedChain):
         if not self.segments:
             return None
         drag = (self.p.drag_coefficient or 0.0) * (self.p.diameter or 0.0)
-        of_elements = np.array([part.drag_coefficient * (part.diameter or 0.0) for part in self.segments])
+        of_elements = np.array([part.drag_width for part in self.segments])
         stiffness = np.array([part.stiffness for part in self.segments])
         return np.array([stiffness / self.p.stiffness, of_elements / drag if drag else np.ones(stiffness.size)])
 

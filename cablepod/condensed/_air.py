@@ -93,9 +93,7 @@ class CondensedAir:
         p = self.model.chain.p
         if self.model.chain.drag_ratio is None:
             return 1.0
-        ends = [segment.end for segment in p.segments[:-1]]
-        widths = np.array([segment.drag_coefficient * (segment.diameter or 0.0) for segment in p.segments])
-        return widths[np.searchsorted(ends, self.rule[0])] / (p.drag_coefficient * p.diameter)
+        return p.drag_widths(self.rule[0]) / (p.drag_coefficient * p.diameter)
 
     @cached_property
     def bodies(self) -> Bodies | None:

@@ -127,7 +127,7 @@ def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float, name: 
     at_body = np.abs(ends[:, None] - places).argmin(axis=0)
     areas = np.array([attachment.drag_area for attachment in bodies])
     middle = (ends - 0.5 * still.length) / total
-    widths, chord, loaded = _widths(p, middle), p.upper - p.lower, still
+    widths, chord, loaded = p.drag_widths(middle), p.upper - p.lower, still
     before = np.zeros_like(still.attached)
     for _ in range(MAX_ITERATIONS):
         found = between_ends(loaded, chord, total, name)
@@ -144,14 +144,6 @@ def in_mean_wind(p: Parameters, pieces: Pieces, air: Air, density: float, name: 
             break
         before = total_drag
     return loaded
-
-
-def _widths(p: Parameters, sigma: np.ndarray) -> np.ndarray:
-    """Return drag coefficient times diameter at relative arc lengths (points,) [m]."""
-    if not p.segments:
-        return np.full(sigma.size, float(p.drag_coefficient) * float(p.diameter))
-    own = np.array([segment.drag_coefficient * (segment.diameter or 0.0) for segment in p.segments])
-    return own[np.searchsorted([segment.end for segment in p.segments], sigma)]
 
 
 def mass_at_mast(p: Parameters, length: float) -> float:

@@ -148,7 +148,7 @@ def _joined(p: Parameters, borders: np.ndarray, cables: Sequence[Parameters], ex
         return numbers[0] if len(numbers) == 1 else float(share @ np.array(numbers))
 
     diameter = mean([segment.diameter for segment in segments])
-    drag = [segment.drag_coefficient * (segment.diameter or 0.0) for segment in segments]
+    drag = [segment.drag_width for segment in segments]
     strengths = [segment.breaking_strength for segment in segments if segment.breaking_strength is not None]
     compliance = mean([1.0 / segment.stiffness for segment in segments])
     first, length = segments[0], p.length_value

@@ -57,6 +57,11 @@ class Segment:
     drag_coefficient: float
     breaking_strength: float | None  #: [N]; None without
 
+    @property
+    def drag_width(self) -> float:
+        """Drag coefficient times diameter [m]; 0 without a diameter."""
+        return self.drag_coefficient * (self.diameter or 0.0)
+
     def is_like(self, other: Segment) -> bool:
         """Whether another segment has the same properties."""
         own, others = (
@@ -208,6 +213,13 @@ class Parameters:
     def damping(self) -> Any:
         """Mass-proportional damping [1/s], 0 where there is none."""
         return 0.0 * self.stiffness if self.mass_damping is None else self.mass_damping
+
+    def drag_widths(self, sigma: np.ndarray) -> np.ndarray:
+        """Return drag coefficient times diameter at relative arc lengths (points,) [m], of a cable with a diameter."""
+        if not self.segments:
+            return np.full(sigma.size, self.drag_coefficient * self.diameter)
+        of_segments = np.array([segment.drag_width for segment in self.segments])
+        return of_segments[np.searchsorted([segment.end for segment in self.segments[:-1]], sigma)]
 
     def load_at(self, time: float) -> np.ndarray:
         """Return the sum of weight and uniform load at `time` [s], (dims,) [N/m]."""
