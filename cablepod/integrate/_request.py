@@ -44,8 +44,8 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
     return names
 
 
-def check_window(window: Any, outputs: tuple[str, ...]) -> tuple[float, float]:
-    """Return a window as two floats [s]; refuse others than finite, rising, not negative ones, and one that restricts nothing."""
+def check_window(window: Any) -> tuple[float, float]:
+    """Return a window as two floats [s]; refuse others than finite, rising, not negative ones."""
     allowed = "two finite instants (start, end) of the run with start < end [s]"
     try:
         ends = tuple(number(least=0.0)("window", instant) for instant in window)
@@ -53,10 +53,19 @@ def check_window(window: Any, outputs: tuple[str, ...]) -> tuple[float, float]:
         raise scene_error("window", window, allowed) from None
     if len(ends) != 2 or ends[0] >= ends[1]:
         raise scene_error("window", window, allowed)
-    if "tension_extremes" not in outputs and not wants_means(outputs):
-        allowed = 'none without the output "tension_extremes", "tension_mean" or "tension_rms", which it restricts'
-        raise scene_error("window", window, allowed)
     return ends[0], ends[1]
+
+
+def check_in_run(window: tuple[float, float], end_time: float) -> None:
+    """Refuse a window [s] that ends after the run [s]."""
+    if window[1] > end_time * (1.0 + ROUNDING):
+        raise scene_error("window", window, f"a part of the run, from 0 s to {end_time:g} s")
+
+
+def check_progress(progress: Any) -> None:
+    """Refuse a callback that is none."""
+    if progress is not None and not callable(progress):
+        raise scene_error("progress", progress, "a function of the completed fraction, or None")
 
 
 def check_positive(key: str, value: Any) -> float:
@@ -180,15 +189,21 @@ class Request:
             raise scene_error("outputs", names, '"tension_extremes" beside "tension_peaks"')
         if step is not None and tolerance is not None:
             raise scene_error("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-        if progress is not None and not callable(progress):
-            raise scene_error("progress", progress, "a function of the completed fraction, or None")
+        check_progress(progress)
+        if window is not None:
+            window = check_window(window)
+            if "tension_extremes" not in names and not wants_means(names):
+                needed = (
+                    'none without the output "tension_extremes", "tension_mean" or "tension_rms", which it restricts'
+                )
+                raise scene_error("window", window, needed)
         return cls(
             times=None if times is None else check_times(times),
             scheme=scheme,
             step=None if step is None else check_positive("step", step),
             given_tolerance=None if tolerance is None else check_positive("tolerance", tolerance),
             outputs=names,
-            window=None if window is None else check_window(window, names),
+            window=window,
             progress=None
             if progress is None
             else Rising(progress, several=step is None if several is None else several),
@@ -222,8 +237,8 @@ class Request:
         check_reach(p.time_functions(), float(times[-1]))
         if self.step is not None:
             check_steps(self.step, float(times[-1]))
-        if self.window is not None and self.window[1] > float(times[-1]) * (1.0 + ROUNDING):
-            raise scene_error("window", self.window, f"a part of the run, from 0 s to {times[-1]:g} s")
+        if self.window is not None:
+            check_in_run(self.window, float(times[-1]))
         return times
 
     def steps_per_second(self, p: Parameters, end_time: float, limit: float | None, formula: str = "") -> float | None:

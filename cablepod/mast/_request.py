@@ -9,6 +9,8 @@ import numpy as np
 
 from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
+from cablepod.integrate._request import check_in_run
+from cablepod.integrate._window import steps_within
 from cablepod.mast._kernels_layout import Extremes
 from cablepod.parameters._mast import MastLoad
 
@@ -55,7 +57,7 @@ class MastRequest:
         """First and last step of extremes and means."""
         if self.window is None:
             return 0, self.steps
-        first, last = (round(end / self.step) for end in self.window)
+        first, last = steps_within(self.window, 1.0 / self.step)
         return first, min(last, self.steps)
 
     def factors(self, loads: Sequence[MastLoad]) -> np.ndarray:
@@ -86,7 +88,8 @@ def request_of(
     Raises
     ------
     SceneError
-        For instants that are not equally spaced from 0 on, and a step that does not divide their interval.
+        For instants that are not equally spaced from 0 on, a step that does not divide their interval, and a window that is not
+        within the run or has less than two steps.
     """
     if times.size == 1 and times[0] == 0.0:
         return MastRequest(times, 1, None, energy, keeps_guys, keeps_drag, default_step if step is None else step)
@@ -102,11 +105,8 @@ def request_of(
     needed = BYTES_PER_STEP * request.steps
     check_bytes(needed, "step", f"{request.step:.3g} s, {request.steps} steps, {needed / 1e9:.3g} GB")
     if window is not None:
-        if window[1] > float(times[-1]) * (1.0 + ROUNDING):
-            raise scene_error("window", window, f"a part of the run, from 0 s to {times[-1]:g} s")
-        first, last = request.window_steps
-        if last - first < 2:
-            raise scene_error("window", window, f"one that is longer than two steps, each of {request.step:.6g} s")
+        check_in_run(window, float(times[-1]))
+        steps_within(window, 1.0 / request.step)  # refuses one of less than two steps
     return request
 
 

@@ -22,7 +22,8 @@ from cablepod.errors import (
     scene_error,
     warn,
 )
-from cablepod.integrate._request import check_outputs
+from cablepod.integrate._request import check_outputs, check_window
+from cablepod.integrate._window import window_attributes
 from cablepod.mast import _output as output
 from cablepod.mast._beam import slopes_of, warn_of_slopes
 from cablepod.mast._catenary_run import CatenaryGuys
@@ -64,7 +65,8 @@ class MastCase:
         self.p = p = mast_parameters(scene)
         if guys is None:
             guys = kind_of_guys(p)
-        _check_numbers(rank, links, step, tolerance, window)
+        _check_numbers(rank, links, step, tolerance)
+        window = None if window is None else check_window(window)
         in_wind = p.wind is not None or wind is not None
         _check_kind(p, guys, self.wanted, in_wind=in_wind, rank=rank, modes=modes, links=links)
         self.instants = instants = p.times() if times is None else check_times(times)
@@ -120,8 +122,7 @@ class MastCase:
         return {
             "title": f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}", "stage": "mast", "guys": guys,
             "scheme": "velocity_verlet", "step": run.request.step, "number_of_steps": run.request.steps, **self.size,
-            **({} if window is None else {"window_start": float(window[0]), "window_end": float(window[1])}),
-            **notes, **_least_force(self.p, run, guys),
+            **window_attributes(window), **notes, **_least_force(self.p, run, guys),
         }  # fmt: skip
 
     def result(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
@@ -206,7 +207,7 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
     refuse_ratios(p, guys)
 
 
-def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any) -> None:
+def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any) -> None:
     """Refuse numbers that are invalid or do not go together."""
     for key, value, check in (
         ("rank", rank, integer(least=1, most=60)),
@@ -218,12 +219,6 @@ def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any
             check(key, value)
     if tolerance is not None and step is not None:
         raise scene_error("tolerance", tolerance, "none beside step")
-    if window is not None:
-        if not isinstance(window, tuple | list) or len(window) != 2:
-            raise scene_error("window", window, "start and end [s]")
-        start, end = (number(least=0.0)("window", value) for value in window)
-        if not start < end:
-            raise scene_error("window", window, "start and end [s], rising")
 
 
 def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tuple[MastTrajectory, dict[str, Any]]:

@@ -9,6 +9,7 @@ import xarray as xr
 
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._members import no_plan, over_members_by
+from cablepod.integrate._request import check_progress
 from cablepod.mast._runs import MastCase
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.scene._mast_notes import warn_of_unusual_mast_members
@@ -110,6 +111,7 @@ def simulate(
     >>> run.guy_tension.dims, run.displacement.dims, run.attrs["guys"]
     (('time', 'guy'), ('time', 'level', 'coordinate'), 'condensed')
     """
+    check_progress(progress)
     with one_blas_thread():  # the matrices are small
         case = MastCase(
             scene, modes, guys=guys, rank=rank, links=links, times=times, step=step, tolerance=tolerance, window=window,
