@@ -15,6 +15,8 @@ from cablepod.parameters._mast import MastParameters
 
 #: Points of Gauss quadrature of an element: products of cubic shapes with a linear axial force are exact.
 GAUSS_POINTS = 4
+#: Largest distance of places that share a node, over the height: elements as short as this leave no digit of the stiffness.
+CLOSE = 1e-5
 #: Columns of the sections of :class:`MastParameters`.
 BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
 #: Directions of the displacement: x and z.
@@ -57,10 +59,14 @@ class Beam:
         return np.diff(self.height)
 
     @cached_property
+    def middle(self) -> np.ndarray:
+        """Heights of the middles of the elements [m]: what is above an element, whatever the rounding of its nodes."""
+        return 0.5 * (self.height[1:] + self.height[:-1])
+
+    @cached_property
     def section(self) -> np.ndarray:
         """Rows of the sections of the elements (element, 5)."""
-        middle = 0.5 * (self.height[1:] + self.height[:-1])
-        index = np.searchsorted(self.sections[:, TOP], middle)
+        index = np.searchsorted(self.sections[:, TOP], self.middle)
         return self.sections[np.minimum(index, len(self.sections) - 1)]
 
     @cached_property
@@ -116,7 +122,7 @@ class Beam:
         above = np.concatenate([np.cumsum((weight * self.length)[::-1])[::-1], [0.0]])
         element = np.clip(np.searchsorted(self.height, place, side="right") - 1, 0, self.length.size - 1)
         own = above[element] - weight[element] * (place - self.height[element])
-        return own + (pull * (levels > np.asarray(place)[..., None])).sum(axis=-1)
+        return own + (pull * (levels > self.middle[element][..., None])).sum(axis=-1)
 
     @cached_property
     def _places(self) -> np.ndarray:
@@ -238,7 +244,9 @@ class Beam:
 def beam_of(p: MastParameters) -> Beam:
     """Make the mesh of a mast: nodes at all guys, loads and ends of sections, the other elements where they are longest."""
     ends = [0.0, p.height, *p.sections[:, TOP], *(guy.level for guy in p.guys), *(load.level for load in p.loads)]
-    places = np.unique(np.round(ends, 9))
+    places = np.unique(ends)
+    apart = np.diff(places) > CLOSE * p.height
+    places = np.concatenate([places[:1], places[1:][np.append(apart[1:], True)]])  # the foot and the top stay
     spans = np.diff(places)
     count = np.ones(spans.size, dtype=int)
     while count.sum() < p.elements:

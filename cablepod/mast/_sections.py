@@ -123,10 +123,10 @@ class Forces:
     @cached_property
     def axial_compression(self) -> np.ndarray:
         """Axial forces at the lower ends of the elements (outputs, elements) [N]."""
-        bottom = self.mast.rest.beam.height[:-1]
+        middle = self.mast.rest.beam.middle
         total = np.repeat(self.mast.rest.compression[None], self.run.completed, axis=0)
         for level, pull in _added_pulls(self.mast, self.run):
-            total += pull[:, None] * (bottom < level)
+            total += pull[:, None] * (middle < level)
         return total
 
     @cached_property

@@ -116,6 +116,20 @@ def test_guys_in_still_air_stand_with_their_weight_on_mast_and_anchor():
     np.testing.assert_allclose(np.sqrt((rest.anchor_force**2).sum("coordinate")), rest.guy_tension_anchor, rtol=1e-12)
 
 
+@pytest.mark.parametrize("level", [28.0, 28.0 + 4e-10, 28.0 - 4e-10, 83.0 / 3.0])
+def test_above_the_guys_a_mast_carries_its_own_weight_only(level):
+    def at(mapping):
+        mapping["guy"][0]["level"] = level
+        del mapping["mast"]["load"]
+
+    scene = small(at)
+    above = 20.0 * 9.81 * (30.0 - level)
+    for result in (cp.mast.rest(scene), cp.mast.simulate(scene, outputs=("axial_compression",)).isel(time=-1)):
+        found = result.axial_compression.sel(element=result.element_top > level + 1e-6)
+        assert found.size
+        assert float(found[0]) == pytest.approx(above, rel=1e-9)
+
+
 def test_a_mast_that_stays_at_rest_keeps_the_forces_of_rest():
     scene = small(two_sections_in_wind)
     rest, run = cp.mast.rest(scene), cp.mast.simulate(scene, outputs=(*OUTPUTS, "envelopes"))
