@@ -9,11 +9,11 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
-from cablepod.errors import scene_error
+from cablepod.errors import OutOfRangeWarning, scene_error, warn
 from cablepod.mast._chain_modes import guy_modes
 from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_run import guys_in_mean_wind
-from cablepod.mast._model import modal_mast, with_guys
+from cablepod.mast._model import lowest_vibrations, modal_mast, with_guys
 from cablepod.mast._output import dataset, spatial
 from cablepod.mast._piecewise_guys import KINDS, kind_of_guys, refuse_things
 from cablepod.mast._statics import rest_in
@@ -57,6 +57,8 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     -----
     UnusualSceneWarning
         As :func:`rest`.
+    OutOfRangeWarning
+        For condensed guys so slack that they do not hold the mast; the frequencies that they lack are nan.
 
     Notes
     -----
@@ -86,21 +88,32 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     if guys == "catenary" or not p.guys:
         mass, stiffness, end_mass = mast.mass_with_guys, at_rest.stiffness, mast.guy_masses[:, None, None] * np.eye(2)
     else:
-        model: Any = guys_in_mean_wind(mast, rank)
-        if guys == "chain":
+        model: Any
+        if guys == "condensed":
+            model = guys_in_mean_wind(mast, rank)
+        else:
             model = guy_modes(ChainGuys(mast, links_of(p), air), 2 * rank)
         end_mass = model.end_mass
         mass, stiffness = with_guys(at_rest.rows, beam.mass, at_rest.mast_stiffness, end_mass, model.tangents)
     if count > len(mass):
         raise scene_error("count", count, f"at most {len(mass)}, the number of unknowns")
-    squared, vectors = eigh(stiffness, mass, subset_by_index=[0, count - 1])
+    try:
+        omega, vectors = lowest_vibrations(stiffness, mass, count)
+    except np.linalg.LinAlgError:
+        squared, vectors = eigh(stiffness, mass, subset_by_index=[0, count - 1])
+        omega = np.sqrt(np.where(squared > 0.0, squared, np.nan))
+        warn(
+            f'with guys of kind "{guys}" the mast is not stable at rest, as slack guys resist compression: '
+            f'{np.isnan(omega).sum()} of the frequencies are not known; try guys="chain"',
+            OutOfRangeWarning,
+        )
     of_mast, of_guys = np.split(vectors, [beam.count])
     shapes = np.einsum("nda,am->mnd", beam.all_rows, of_mast)
     share = np.einsum("am,ab,bm->m", of_mast, beam.mass, of_mast)
     flat = shapes.reshape(count, -1)
     largest = flat[np.arange(count), np.abs(flat).argmax(axis=1)]
     variables: dict[str, Any] = {
-        "angular_frequency": (("mode",), np.sqrt(np.maximum(squared, 0.0))),
+        "angular_frequency": (("mode",), omega),
         "mode_shape": (
             ("mode", "node", "coordinate"),
             spatial(shapes / np.where(largest == 0.0, 1.0, largest)[:, None, None]),

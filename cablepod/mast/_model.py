@@ -39,16 +39,16 @@ class ModalMast:
 
         rest, p = self.rest, self.rest.p
         count = min(2 * p.modes, rest.beam.count)
-        squared, modes = eigh(rest.stiffness, self.mass_with_guys, subset_by_index=[0, count - 1])
+        omega, modes = lowest_vibrations(rest.stiffness, self.mass_with_guys, count)
         broken = np.unique([guy.level for guy in p.guys if guy.breaks is not None])
         if broken.size and count + 2 * broken.size <= rest.beam.count:
             rows = rest.beam.displacement_rows(np.array([rest.beam.node(level) for level in broken]))
             space = np.hstack([modes, np.linalg.solve(rest.stiffness, rows.reshape(-1, rest.beam.count).T)])
             space /= np.sqrt(np.einsum("ia,ij,ja->a", space, self.mass_with_guys, space))
             squared, turned = eigh(space.T @ rest.stiffness @ space, space.T @ self.mass_with_guys @ space)
-            modes, count = space @ turned, space.shape[1]
+            omega, modes, count = np.sqrt(squared), space @ turned, space.shape[1]
         sign = np.sign(modes[np.abs(modes).argmax(axis=0), np.arange(count)])
-        return np.sqrt(squared), modes * sign
+        return omega, modes * sign
 
     @property
     def omega(self) -> np.ndarray:
@@ -173,6 +173,25 @@ class StepMatrices:
     keep: np.ndarray
     gain: np.ndarray
     fitted_mass: np.ndarray  #: with which the leapfrog scheme has the exact frequencies
+
+
+def lowest_vibrations(stiffness: np.ndarray, mass: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest angular frequencies (count,) [rad/s] and unit-mass shapes (n, count), by rising frequency.
+
+    The eigenvalues are 1 / omega^2: nodes of a beam close to one another have frequencies whose squares, as the largest
+    eigenvalues, would leave no digit of the lowest ones.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the stiffness (n, n) is not positive definite.
+    """
+    from scipy.linalg import eigh
+
+    n = len(mass)
+    inverse, shapes = eigh(mass, stiffness, subset_by_index=[n - count, n - 1])
+    omega = 1.0 / np.sqrt(inverse[::-1])
+    return omega, shapes[:, ::-1] * omega
 
 
 def with_guys(

@@ -70,6 +70,36 @@ def test_frequencies_on_springs_are_those_of_the_exact_determinant(base):
     np.testing.assert_allclose(condensed, exact[: found.size], rtol=1e-4)
 
 
+@pytest.mark.parametrize("gap", [1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize("guys", ["condensed", "chain", "catenary"])
+def test_a_load_close_to_a_guy_leaves_the_frequencies(gap, guys):
+    # a short element: its own highest frequency is 1e9 times the lowest ones, which have to keep their digits
+    def at(level):
+        return small(
+            lambda mapping: mapping["mast"].update(elements=24, load=[{"level": level, "force": [1.0, 0.0, 0.0]}])
+        )
+
+    far, close = (cp.mast.frequencies(at(level), count=6, guys=guys) for level in (28.0, 28.0 + gap))
+    np.testing.assert_allclose(close.angular_frequency, far.angular_frequency, rtol=2e-5)
+
+
+def test_condensed_guys_that_do_not_hold_the_mast_have_no_frequencies():
+    def slack(mapping):
+        mapping["guy"][0] |= {"top_tension": 300.0, "radius": 30.0}
+        mapping["cables"]["guy"]["diameter"] = 0.012
+        mapping["mast"]["bending_stiffness"] = 4e7
+        del mapping["mast"]["load"]
+        mapping["wind"] = {"speed": 40.0, "direction": [1.0, 0.0, 0.0]}
+
+    with pytest.warns(
+        OutOfRangeWarning, match=r"not stable at rest.*3 of the frequencies are not known; try guys=.chain"
+    ):
+        assert np.isnan(cp.mast.frequencies(small(slack), count=3).angular_frequency).all()
+    with pytest.warns(OutOfRangeWarning, match="not stable at rest"):
+        assert np.isnan(cp.summary(small(slack)).frequency_mean_wind[0])
+    assert float(cp.mast.frequencies(small(slack), count=3, guys="chain").angular_frequency[0]) > 1.0
+
+
 def test_rest_is_in_equilibrium_and_has_the_given_tensions():
     still = cp.mast.rest(small())
     np.testing.assert_allclose(still.guy_tension, 5000.0, rtol=1e-9)
