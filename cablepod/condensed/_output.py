@@ -37,7 +37,7 @@ from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import window_attributes
 from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
-from cablepod.reduced._validity import forcing_attributes
+from cablepod.reduced._validity import energy_attributes, forcing_attributes
 
 if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRequest, CondensedResult, CondensedRun
@@ -126,9 +126,7 @@ def shared_attributes(
     model: CondensedModel, instants: OutputTimes, scheme: str, modes: xr.Dataset | None
 ) -> dict[str, Any]:
     """Return the attributes that runs with the same modes, scheme and step share."""
-    energy = {}
-    if modes is not None and "energy_share" in modes:
-        energy["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.n_in_plane].sum())
+    energy = energy_attributes(modes, *map(len, model.modes))
     options = {"order": model.order, "law": model.chain.law, "rank": model.rank}
     return trajectory_attributes("condensed", scheme, instants, **options) | energy
 

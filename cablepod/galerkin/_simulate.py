@@ -26,7 +26,12 @@ from cablepod.integrate._request import REDUCED_TOLERANCE, Request
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
-from cablepod.reduced._validity import forcing_attributes, law_attributes, warn_galerkin_out_of_range
+from cablepod.reduced._validity import (
+    energy_attributes,
+    forcing_attributes,
+    law_attributes,
+    warn_galerkin_out_of_range,
+)
 from cablepod.scene._warnings import warn_of_unusual
 
 #: Maximum energy defect of a given step without a warning, as a fraction of the exchanged energy.
@@ -95,7 +100,7 @@ def simulate(
 
         - ``smallest_stretch``, ``largest_stretch``: minimum and maximum stretch xi at the output instants,
         - ``forcing_over_axial_frequency``, ``outside_training``: see :mod:`cablepod.reduced`,
-        - ``energy_share_kept``: fraction of the energy of the snapshots in these modes, minimum over the coordinates,
+        - ``energy_share_kept``: fraction of the energy of the snapshots in these modes, minimum over the coordinates that move,
         - ``error_estimate``: estimate of the largest error over time, as a fraction of the motion; nan if there is none.  It is
           that of the modes, of the law and of the step, against the chain of the same links by the law of the snapshots
           (attribute ``law`` of the modes; the linear law, the default of :func:`cablepod.chain.simulate`, where it is unknown),
@@ -208,10 +213,7 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
     p, length = model.chain.p, model.chain.total_length
     attributes = {name: float(value) for name, value in forcing_attributes(p, length).items()}
     attributes |= law_attributes(model.law, result.attrs["largest_stretch"])
-    if "energy_share" in modes:
-        share = modes.variables["energy_share"]
-        kept = share.values.take(range(result.sizes["mode"]), share.dims.index("mode"))
-        attributes["energy_share_kept"] = float(kept.sum(share.dims.index("mode")).min())
+    attributes |= energy_attributes(modes, result.sizes["mode"])
     return attributes | distance_outside_training(modes, p, length, float(result.variables["time"].values[-1]))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from cablepod.errors import OutOfRangeWarning, warn
 from cablepod.parameters._parameters import Parameters
@@ -19,6 +20,8 @@ MAX_ESTIMATED_ERROR = 0.5
 #: Maximum tension of law (21) over that of the linear law, less 1 (above, the motion is that of another material: where tension
 #: holds the cable in place, positions differ by two to three times this fraction of the motion).
 MAX_EXTRA_TENSION = 0.05
+#: Largest singular value of a set of modes over that of all sets, up to which the snapshots do not move that way.
+NO_MOTION = 1e-9
 
 
 def first_axial_frequency(p: Parameters, length: Any) -> Any:
@@ -104,6 +107,31 @@ def warn_condensed_members(attrs: Mapping[str, list[Any]]) -> None:
             i = int(np.nanargmax(values))
             worst = {key: member_values[i] for key, member_values in attrs.items()}
             check(worst, f"{int(exceeds.sum())} of {exceeds.size} members, of these number {i} the worst: ")
+
+
+def energy_attributes(modes: xr.Dataset | None, *ranks: int) -> dict[str, float]:
+    """Return ``energy_share_kept``, the share of the snapshots' energy in the modes of a run, the least one of the sets of modes.
+
+    Sets are those of the coordinates with layout "separate", of the deflections with "normal".  One along which the snapshots do
+    not move has no energy to keep.  Empty for modes without shares.
+
+    Parameters
+    ----------
+    modes
+        Modes of the run, if it has any.
+    ranks
+        How many modes it has of each set; with layout "normal" a number for each deflection.
+    """
+    shares, sizes = [], []
+    for suffix, rank in zip(("", "_out_of_plane"), ranks, strict=False):
+        names = (f"energy_share{suffix}", f"singular_value{suffix}")
+        if modes is None or not all(name in modes.variables for name in names):
+            return {}
+        share, values = (np.atleast_2d(modes.variables[name].transpose(..., "mode").values) for name in names)
+        shares.append(share[:, :rank].sum(axis=1))
+        sizes.append(values.max(axis=1))
+    share, size = np.concatenate(shares), np.concatenate(sizes)
+    return {"energy_share_kept": float(share[size > NO_MOTION * size.max()].min(initial=1.0))}
 
 
 def law_attributes(law: str, stretch: float) -> dict[str, float]:
