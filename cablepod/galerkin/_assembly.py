@@ -88,4 +88,4 @@ def _kept_model(p: Parameters, modes: _Modes) -> GalerkinModel:
     """Make the model of parameters on modes; that of the same parameters and modes is kept with all that follows from it."""
     sigma, mean, fields = modes.arrays
     arc_length = float(solve_statics(p, p.length_key, p.length_value)[0]) * sigma
-    return GalerkinModel(LumpedChain(p, np.diff(arc_length), arc_length), modes.law, mean, fields, modes.layout)
+    return GalerkinModel(LumpedChain(p, np.diff(arc_length), arc_length, modes.law), mean, fields, modes.layout)

@@ -118,7 +118,7 @@ class GalerkinEstimate:
         if condensed.chain.p.initial:
             initial_error = equation.coordinates(condensed.start_deflection()[:, 0]) - equation.change @ q
         else:
-            initial_error = equation.error_at_rest(q, condensed.static_boundary_data)
+            initial_error = self._error_at_rest
         start_rates, initial_rate = condensed.start_deflection_rates, np.zeros_like(initial_error)
         if start_rates is not None:
             initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1][0]
@@ -127,6 +127,16 @@ class GalerkinEstimate:
         p = self.model.chain.p
         scale = motion_or_missed(samples.motion, float(np.linalg.norm(p.upper - p.lower)), squares)
         return min(math.sqrt(largest) / scale, MAX_ERROR)
+
+    @cached_property
+    def _error_at_rest(self) -> np.ndarray:
+        """Distance from the start of the model to the equilibrium of the enriched one, in the coordinates of that (R,)."""
+        model, displacements = self.model, self.model.displacements(np.zeros(1))
+        states = np.zeros((3, 1, len(model.fields_of_projections)))
+        states[0] = np.concatenate([model.initial + displacements @ model.coupling, displacements], axis=1)
+        start = Samples(model, states, 1.0)
+        q = self._deflection(start, self._chord_frame(start))[0][0]
+        return self.equation.error_at_rest(q, self.condensed.static_boundary_data)
 
     @cached_property
     def _projection(self) -> tuple[np.ndarray, np.ndarray]:
@@ -151,15 +161,14 @@ class GalerkinEstimate:
 
         The derivatives are relative to the line between the ends, which the enriched model adds.
         """
-        from cablepod.galerkin import _kernels_estimate as kernel  # numba is imported only to compute
-
         mean, fields = self._projection
         by_axis = samples.states.reshape(-1, len(fields)) @ fields.reshape(len(fields), -1)
         by_axis = by_axis.reshape(3, samples.count, *mean.shape)
         by_axis[0] += mean
-        result = np.empty((3, samples.count, mean.shape[1]))
-        kernel.project_on_normals(by_axis, frame.normals, self.condensed.n_in_plane, result)
-        return result[0], result[1], result[2]
+        # the normal of each coordinate (times, r, dims); a product of matrices of two or three axes takes longer
+        normals = frame.normals[:, (np.arange(mean.shape[1]) >= self.condensed.n_in_plane).astype(int)]
+        q, rates, accelerations = sum(by_axis[:, :, axis] * normals[:, :, axis] for axis in range(len(mean)))
+        return q, rates, accelerations
 
     def _chordwise(
         self,
@@ -173,16 +182,13 @@ class GalerkinEstimate:
 
         It is infinite where they run back along the chord.
         """
-        from cablepod.galerkin import _kernels_estimate as kernel  # numba is imported only to compute
-
         model, states = self.model, samples.states[0, chosen]
         position = (states @ model.fields_of_projections.reshape(states.shape[1], -1)).reshape(-1, *model.shape.shape)
         position += model.shape
         stretch, _, _, deflection = close_chord_of(self.condensed, coordinates[chosen], boundary_data[chosen])
         closed = positions_of(self.condensed, stretch, deflection, np.ascontiguousarray(position[:, [0, -1]]))
-        squares = np.empty(len(position))
-        kernel.distances_along_chord(position, closed, frame.along[chosen], squares)
-        return squares
+        advances = np.einsum("tpc,tc->tp", np.diff(position, axis=1), frame.along[chosen])
+        return np.where((advances > 0.0).all(axis=1), square(closed - position).mean(axis=1), math.inf)
 
 
 @lru_cache(maxsize=KEPT_MODELS)

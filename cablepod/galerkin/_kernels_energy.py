@@ -11,6 +11,30 @@ POLYNOMIAL, GREEN_LINKS, LINEAR_LINKS = 0, 1, 2
 
 
 @compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _set_coordinates(y, z, ends, row, coupling):
+    """Fill the coordinates y = (q, d) of a projection z = q + C^T d and a row of displacements d of the ends."""
+    moving, modes = coupling.shape
+    for k in range(modes):
+        y[k] = z[k]
+    for f in range(moving):
+        displacement = ends[row, f]
+        y[modes + f] = displacement
+        for k in range(modes):
+            y[k] -= displacement * coupling[f, k]
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _forces_of_ends(gradient, coupling, forces):
+    """Fill the forces of the ends along their displacements, dV/dd - C dV/dq."""
+    moving, modes = coupling.shape
+    for f in range(moving):
+        total = gradient[modes + f]
+        for k in range(modes):
+            total -= coupling[f, k] * gradient[k]
+        forces[f] = total
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
 def _fill_monomials(y, first, second, monomials):
     """Fill the coordinates, then their products of the given pairs."""
     count = y.size

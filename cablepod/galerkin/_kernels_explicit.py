@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.galerkin._kernels_energy import POLYNOMIAL, link_gradient, polynomial_energy, polynomial_gradient
+from cablepod.galerkin._kernels_energy import (
+    POLYNOMIAL,
+    _forces_of_ends,
+    _set_coordinates,
+    link_gradient,
+    polynomial_energy,
+    polynomial_gradient,
+)
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -61,15 +68,9 @@ def verlet(
     slopes, e, s = np.empty(shape.shape), np.empty(strain.size), np.empty(strain.size)
     save, next_save = 0, save_steps[0] if save_steps.size else -1
     varying = loads.shape[0] > 1
-    half_step, damped_step, energy, end_force = 0.5 * step, step * damping, 0.0, np.zeros(moving)
+    half_step, damped_step, energy, end_forces = 0.5 * step, step * damping, 0.0, np.zeros(moving)
     for i in range(steps):
-        for k in range(modes):
-            y[k] = p[k]
-        for f in range(moving):
-            displacement = ends[i + 1, f]
-            y[modes + f] = displacement
-            for k in range(modes):
-                y[k] -= displacement * coupling[f, k]
+        _set_coordinates(y, p, ends, i + 1, coupling)
         if law == POLYNOMIAL:
             polynomial_gradient(y, gram, linear, first, second, monomials, monomial_gradient, gradient)
         else:
@@ -83,12 +84,9 @@ def verlet(
         if start + i > 0:  # second half of the work since the previous step
             account[0] += half_step * power
             account[2] += damped_step * dissipation
+        _forces_of_ends(gradient, coupling, end_forces)
         for f in range(moving):
-            total = gradient[modes + f]  # the force of an end is dV/dd - C dV/dq
-            for k in range(modes):
-                total -= coupling[f, k] * gradient[k]
-            end_force[f] = total
-            account[1] += 0.5 * total * (ends[i + 1, f] - ends[i, f])
+            account[1] += 0.5 * end_forces[f] * (ends[i + 1, f] - ends[i, f])
         saving = start + i == next_save
         if saving:
             if law != POLYNOMIAL:
@@ -113,7 +111,7 @@ def verlet(
             p[k] += step * velocity[k]
         account[0] += half_step * power
         for f in range(moving):
-            account[1] += 0.5 * end_force[f] * (ends[i + 2, f] - ends[i + 1, f])
+            account[1] += 0.5 * end_forces[f] * (ends[i + 2, f] - ends[i + 1, f])
         if saving:
             for k in range(modes):
                 earlier = saved[save, 1, k]

@@ -6,7 +6,15 @@ import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.discretisation._kernels_dense import _solve
-from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _elongation, _strains, _stresses
+from cablepod.galerkin._kernels_energy import (
+    LINEAR_LINKS,
+    POLYNOMIAL,
+    _elongation,
+    _forces_of_ends,
+    _set_coordinates,
+    _strains,
+    _stresses,
+)
 
 #: Maximum number of Newton iterations in a step.
 MAX_ITERATIONS = 25
@@ -46,17 +54,13 @@ def _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _tangent_stresses(law, stiffness, e, s, ds):
-    """Fill the stresses s of the rows with strains e, and their derivatives ds by the strains."""
-    if law != LINEAR_LINKS:
-        for j in range(e.size):
-            s[j] = stiffness[j] * e[j]
-            ds[j] = stiffness[j]
-        return
+def _stress_slopes(law, stiffness, e, ds):
+    """Fill the derivatives ds of the stresses of the rows by their strains e."""
     for j in range(e.size):
-        elongation, xi = _elongation(e[j])
-        s[j] = stiffness[j] * elongation / xi
-        ds[j] = stiffness[j] / (xi * xi * xi) if elongation > 0.0 else 0.0
+        ds[j] = stiffness[j]
+        if law == LINEAR_LINKS:
+            elongation, xi = _elongation(e[j])
+            ds[j] = stiffness[j] / (xi * xi * xi) if elongation > 0.0 else 0.0
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -107,30 +111,6 @@ def _tangent(law, jacobian, s, ds, table, first, second, field_slopes, active_ax
     for k in range(modes):
         for m in range(k):
             tangent[m, k] = tangent[k, m]
-
-
-@compiled(fastmath=FAST_DIVISION)
-def _set_coordinates(y, p, increment, ends, coupling):
-    """Fill the coordinates y of the projection p + increment and the end displacements `ends`."""
-    moving, modes = coupling.shape
-    for k in range(modes):
-        y[k] = p[k] + increment[k]
-    for f in range(moving):
-        displacement = ends[f]
-        y[modes + f] = displacement
-        for k in range(modes):
-            y[k] -= displacement * coupling[f, k]
-
-
-@compiled(fastmath=FAST_DIVISION)
-def _half_work_of_ends(account, gradient, coupling, earlier, later):
-    """Add half the work of the ends between the displacements `earlier` and `later`; the force is dV/dd - C dV/dq."""
-    moving, modes = coupling.shape
-    for f in range(moving):
-        force = gradient[modes + f]
-        for k in range(modes):
-            force -= coupling[f, k] * gradient[k]
-        account[1] += 0.5 * force * (later[f] - earlier[f])
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -188,15 +168,16 @@ def implicit(
     rows, count, dims = stiffness.size, modes + moving, field_slopes.shape[1]
     y, gradient, force, slopes = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros((dims, link_form[1].size))
     jacobian, e, s, ds, scaled = np.zeros((count, rows)), np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(rows)
-    weighted, tangent = np.zeros((dims, rows)), np.zeros((modes, modes))
-    increment, b, explicit_part = np.zeros(modes), np.zeros(modes), np.zeros(modes)
+    weighted, tangent, end_forces = np.zeros((dims, rows)), np.zeros((modes, modes)), np.zeros(moving)
+    z, increment, b, explicit_part = np.zeros(modes), np.zeros(modes), np.zeros(modes), np.zeros(modes)
     varying, save, iterations = loads.shape[0] > 1, 0, 0
     # the balance is that of twice the mean force, of which one half is that at the start
     diagonal = 2.0 * (2.0 / (step * step) + damping / step)
-    _set_coordinates(y, p, increment, ends[0], coupling)
+    _set_coordinates(y, p, ends, 0, coupling)
     _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
     energy = _stresses(law, e, stiffness, s)
     _gradient(jacobian, s, gradient)
+    _forces_of_ends(gradient, coupling, end_forces)
     for i in range(steps):
         now, then = (i, i + 1) if varying else (0, 0)
         if save < save_steps.size and save_steps[save] == start + i:
@@ -209,13 +190,15 @@ def implicit(
             # extrapolation that is exact for linear change (resolved) and for alternating signs (unresolved)
             mean = history[0, k] + history[1, k] - history[2, k]
             increment[k] = step * (velocity[k] + 0.5 * step * mean)
+            z[k] = p[k] + increment[k]
             explicit_part[k] = 2.0 * (0.5 * (loads[now, k] + loads[then, k]) + 2.0 * velocity[k] / step) - gradient[k]
         converged = False
         for _ in range(MAX_ITERATIONS):
             iterations += 1
-            _set_coordinates(y, p, increment, ends[i + 1], coupling)
+            _set_coordinates(y, z, ends, i + 1, coupling)
             _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
-            _tangent_stresses(law, stiffness, e, s, ds)
+            _stresses(law, e, stiffness, s)
+            _stress_slopes(law, stiffness, e, ds)
             _gradient(jacobian, s, force)
             _tangent(law, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled, weighted, tangent)
             norm = 0.0
@@ -226,6 +209,7 @@ def implicit(
                 break
             for k in range(modes):
                 increment[k] += b[k]
+                z[k] = p[k] + increment[k]
                 norm += abs(b[k]) * rms_slopes[k]
             converged = norm <= newton_tolerance
             if converged or not norm < 1e300:
@@ -238,14 +222,17 @@ def implicit(
             velocity[k] += mean
             account[0] += 0.5 * (loads[now, k] + loads[then, k]) * increment[k]
             account[2] += damping * increment[k] * increment[k] / step
-        _set_coordinates(y, p, increment, ends[i + 1], coupling)
+        _set_coordinates(y, z, ends, i + 1, coupling)
         _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
-        _half_work_of_ends(account, gradient, coupling, ends[i], ends[i + 1])
         energy = _stresses(law, e, stiffness, s)
         _gradient(jacobian, s, gradient)
-        _half_work_of_ends(account, gradient, coupling, ends[i], ends[i + 1])
+        for f in range(moving):
+            account[1] += 0.5 * end_forces[f] * (ends[i + 1, f] - ends[i, f])
+        _forces_of_ends(gradient, coupling, end_forces)
+        for f in range(moving):
+            account[1] += 0.5 * end_forces[f] * (ends[i + 1, f] - ends[i, f])
         for k in range(modes):
-            p[k] += increment[k]
+            p[k] = z[k]
     if save < save_steps.size and save_steps[save] == start + steps:
         row = steps if varying else 0
         _save(saved[save], saved_energy[save], p, velocity, loads[row], gradient, damping, energy, account)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._formulas import green_secant, linear_secant
+from cablepod.discretisation._laws import law_tension
 from cablepod.discretisation._lifting import line_between, weights_of_ends
 from cablepod.parameters._time_functions import TimeFunction
 
@@ -31,8 +32,7 @@ class GalerkinModel:
     are shape + sum y_k field_k on the particles of the modes.  Links and masses are those of a chain on these particles.
     """
 
-    chain: LumpedChain
-    law: str
+    chain: LumpedChain  #: with the law of the model
     mean: np.ndarray  #: (particle, dims) [m]
     modes: np.ndarray  #: as given (modes, particle, dims)
     layout: str
@@ -157,26 +157,19 @@ class GalerkinModel:
 
     @cached_property
     def rms_root(self) -> np.ndarray:
-        """Matrix (coordinates, coordinates) W: the norm of y W is the rms displacement of the particles [m]."""
-        return self._root_of(np.concatenate([self.fields, self.lifts]))
+        """Matrix (coordinates, coordinates) W: the norm of (z, d) W is the rms displacement of the particles [m].
 
-    @cached_property
-    def rms_root_of_projections(self) -> np.ndarray:
-        """The same for the projections z = q + C^T d, followed by the displacements d of the ends."""
-        return self._root_of(self.fields_of_projections)
+        The projections z = q + C^T d are followed by the displacements d of the ends.
+        """
+        flat = self.fields_of_projections.reshape(len(self.fields_of_projections), -1)
+        squared, vectors = np.linalg.eigh(flat @ flat.T / self.sigma.size)
+        return vectors * np.sqrt(np.maximum(squared, 0.0))
 
     @cached_property
     def fields_of_projections(self) -> np.ndarray:
         """Fields of the projections z = q + C^T d, then of the displacements d (coordinates, particle, dims)."""
         relative = self.lifts - np.tensordot(self.coupling, self.fields, axes=1)
         return np.concatenate([self.fields, relative])
-
-    @staticmethod
-    def _root_of(fields: np.ndarray) -> np.ndarray:
-        """Matrix that turns amplitudes of fields (coordinates, particle, dims) into vectors of the rms displacement as norm."""
-        flat = fields.reshape(len(fields), -1)
-        squared, vectors = np.linalg.eigh(flat @ flat.T / fields.shape[1])
-        return vectors * np.sqrt(np.maximum(squared, 0.0))
 
     @property
     def modes_per_coordinate(self) -> int:
@@ -238,7 +231,7 @@ class GalerkinModel:
         # axis by axis, as einsum loops over the axes innermost
         square = sum(slopes[:, :, c] ** 2 for c in axes)
         along = sum(slopes[:, None, :, c] * modal[:, :, c] for c in axes)
-        if self.law == "green":
+        if self.chain.green:
             s, ds = green_secant(square, stiffness), stiffness
         else:
             xi = np.sqrt(square)
@@ -273,7 +266,7 @@ class GalerkinModel:
         end_displacements = self.displacements(np.zeros(1))[0]
         p = self.chain.p
         lifting = np.tensordot(end_displacements, self.lifts, axes=1)
-        offset = start(replace(self.chain, law=self.law)) - self.shape - lifting
+        offset = start(self.chain) - self.shape - lifting
         q = np.einsum("pc,p,kpc->k", offset[1:-1], self.mass, self.fields[:, 1:-1])
         if p.initial:
             return q
@@ -312,11 +305,9 @@ class GalerkinModel:
 
     def tension(self, position: np.ndarray) -> np.ndarray:
         """Tensions of the links (..., n) [N] by the law of the model."""
-        stretched = np.sqrt(square(np.diff(position, axis=-2)))
-        strain = (stretched - self.chain.length) / self.chain.length
-        if self.law == "linear":
-            return self.chain.p.stiffness * np.maximum(strain, 0.0)
-        return self.chain.p.stiffness * strain * (1.0 + 0.5 * strain) * (1.0 + strain)
+        green = self.chain.green
+        tension = law_tension(self.chain.stretch(position), self.chain.p.stiffness, green=green)
+        return tension if green else np.maximum(tension, 0.0)
 
     def positions(self, q: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Positions (time, particle, dims) [m] from amplitudes (time, modes)."""

@@ -46,10 +46,14 @@ class GalerkinTrajectory:
         return run.displacements if times is run.times else self.model.displacements(times)
 
     @cached_property
+    def projection(self) -> np.ndarray:
+        """Projection z = q + C^T d (times, modes) [kg^1/2 m]."""
+        return self.instants.at_times(*self._saved[:3])
+
+    @cached_property
     def q(self) -> np.ndarray:
         """Mass-orthonormal amplitudes (times, modes) [kg^1/2 m]; the lifting is evaluated exactly at the instants."""
-        p, v, a, _ = self._saved
-        return self.instants.at_times(p, v, a) - self.displacements @ self.model.coupling
+        return self.projection - self.displacements @ self.model.coupling
 
     @cached_property
     def rates(self) -> np.ndarray:
@@ -61,13 +65,13 @@ class GalerkinTrajectory:
     @cached_property
     def rms_displacements(self) -> np.ndarray:
         """Vectors (times, coordinates) whose norm is the rms displacement of the particles [m] from the mean shape."""
-        return np.concatenate([self.q, self.displacements], axis=1) @ self.model.rms_root
+        return np.concatenate([self.projection, self.displacements], axis=1) @ self.model.rms_root
 
     @cached_property
     def motion(self) -> float:
         """Largest rms displacement from the start [m]; the chord if nothing moves."""
         vectors = self.rms_displacements[:, None]
-        start = np.concatenate([self.record.run.q0, self.record.run.start_displacements]) @ self.model.rms_root
+        start = np.concatenate([self.record.run.p0, self.record.run.start_displacements]) @ self.model.rms_root
         return motion_scale(vectors, start, self.model.chain.chord)
 
     @property
@@ -132,7 +136,7 @@ class Samples:
     def motion(self) -> float:
         """Largest rms displacement from the start at up to about MOTION_SAMPLES samples [m]; the chord if nothing moves."""
         chosen = self.states[0, :: -(-self.count // MOTION_SAMPLES)]
-        vectors = chosen @ self.model.rms_root_of_projections
+        vectors = chosen @ self.model.rms_root
         return motion_scale(vectors[:, None], vectors[0], self.model.chain.chord)
 
 

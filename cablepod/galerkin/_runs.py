@@ -97,7 +97,7 @@ class GalerkinRun(Run):
     def has_kinks(self, state: GalerkinTrajectory) -> bool:
         """Whether links go slack, which are kinks of the linear law only."""
         model = self.model
-        return model.law == "linear" and bool(
+        return not model.chain.green and bool(
             (model.chain.stretch(model.positions(state.q, state.instants.times)) < 1.0).any()
         )
 
@@ -139,7 +139,7 @@ class GalerkinRun(Run):
         """Form in which the kernels evaluate the energy, a constant of ``_kernels_energy``."""
         from cablepod.galerkin import _kernels_energy as kernel  # numba is imported only to compute
 
-        if self.model.law == "linear":
+        if not self.model.chain.green:
             return kernel.LINEAR_LINKS
         return kernel.POLYNOMIAL if self.use_polynomial_form else kernel.GREEN_LINKS
 
@@ -237,7 +237,7 @@ class GalerkinRun(Run):
             "mode": (np.arange(count) if numbers is None else numbers.values)[:count],
             "end": np.array(ENDS),
         }
-        options = {"law": model.law, "rank": count}
+        options = {"law": model.chain.law, "rank": count}
         places: dict[str, Any] = {"arc_length": (("particle",), model.chain.arc_length)}
         if is_over_links(variables):
             places["link_arc_length"] = (("link",), middles_of(model.chain.arc_length))
@@ -246,7 +246,7 @@ class GalerkinRun(Run):
         result.attrs = {
             "smallest_stretch": float(stretch.min()),
             "largest_stretch": float(stretch.max()),
-            "title": f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.law} law",
+            "title": f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.chain.law} law",
             **trajectory_attributes("Galerkin", self.scheme, trajectory.instants, **options),
             "energy_defect": trajectory.energy_defect,
             **model.chain.p.offsets(),

@@ -212,7 +212,7 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
     """Return the attributes that compare a run with the range of validity and the training range."""
     p, length = model.chain.p, model.chain.total_length
     attributes = {name: float(value) for name, value in forcing_attributes(p, length).items()}
-    attributes |= law_attributes(model.law, result.attrs["largest_stretch"])
+    attributes |= law_attributes(model.chain.law, result.attrs["largest_stretch"])
     attributes |= energy_attributes(modes, result.sizes["mode"])
     return attributes | distance_outside_training(modes, p, length, float(result.variables["time"].values[-1]))
 
