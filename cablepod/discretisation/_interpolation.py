@@ -10,9 +10,14 @@ from cablepod._inputs import ROUNDING
 SAME_PLACE = 1e-13
 
 
+def are_same(sigma: np.ndarray, other: np.ndarray) -> bool:
+    """Tell whether two sets of places S / L0 (particle,) are the same, but for rounding of files."""
+    return sigma.shape == other.shape and bool(np.abs(sigma - other).max() <= ROUNDING)
+
+
 def at_places(sigma: np.ndarray, known_sigma: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Interpolate positions (time, particle, dims) [m] from particles at `known_sigma` to `sigma` [1] by cubic splines."""
-    if sigma.shape == known_sigma.shape and np.abs(sigma - known_sigma).max() <= ROUNDING:
+    if are_same(sigma, known_sigma):
         return position
     knots = np.minimum(np.searchsorted(known_sigma, sigma - SAME_PLACE), known_sigma.size - 1)
     if (

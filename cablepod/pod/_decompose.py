@@ -2,7 +2,7 @@
 
 Snapshots are decomposed in the lifted variables of eq. (35): the position minus the straight line between the instantaneous ends.
 Modes vanish at both ends and are functions of sigma = S / L0.  The SVD is in ``_svd_methods.py``, shares of energy and the choice
-of the rank are in ``_energy.py``.
+of the rank are in ``_label.py``.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from cablepod.errors import scene_error
 from cablepod.parameters._checks import truth
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
-from cablepod.pod._blocks import count_snapshots, is_lazy
+from cablepod.pod._blocks import count_snapshots, is_lazy, read_rows
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._label import check_options, labelled
-from cablepod.pod._snapshots import check_same_particles, lift, position_of, positions, weight_roots
+from cablepod.pod._snapshots import check_same_particles, position_of, positions, relative_arc_length, weight_roots
 from cablepod.pod._stream import Stream, add_checked
 from cablepod.pod._training_range import range_of
 
@@ -132,28 +132,22 @@ def _decompose_matrix(
     shape = (width * dims if layout == "vector" else width, count_snapshots(position))
     needed = svd_methods.memory_needed(*shape, method)
     check_bytes(needed, "method", f"{method!r} for {shape[0]} by {shape[1]} values, {needed / 1e9:.3g} GB")
-    if layout == "normal":
-        lifted = np.moveaxis(pod_normal.deflections(positions(snapshots)), 0, -1)
-    else:
-        lifted, _ = lift(snapshots)
-    samples, particles, dims = lifted.shape
-    mean = lifted.mean(axis=0) if center else np.zeros((particles, dims))
-    inner = (lifted - mean)[:, 1:-1]
-    root = weight_roots(snapshots, weights)
-    # inner particles only: zero rows of the ends would give spurious modes
-    if layout != "vector":
-        matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
-    else:
-        matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
-    decomposed = [svd_methods.ROUTES[method](matrix) for matrix in matrices]
+    found = positions(snapshots)
+    root = None if weights is None else weight_roots(snapshots, weights)
+    reference = pod_normal.reference_of(found) if layout == "normal" else None
+    parts = [*read_rows(found, relative_arc_length(snapshots), root, layout, reference)]
+    rows = np.concatenate(parts, axis=1)  # (matrix, samples, features)
+    means = rows.mean(axis=1) if center else np.zeros((len(rows), rows.shape[2]))
+    rows -= means[:, None]
+    decomposed = [svd_methods.ROUTES[method](matrix.T) for matrix in rows]
     values = np.stack([singular_values for _, singular_values in decomposed])
     return labelled(
-        [left.T.reshape(left.shape[1], particles - 2, -1) / root[:, None] for left, _ in decomposed],
+        [left for left, _ in decomposed],
         values,
         np.stack([svd_methods.uncertainty(row, shape, method) for row in values]),
         np.zeros(len(values)),
-        mean,
-        samples,
+        list(means),
+        shape[1],
         choice=choice,
         options={"layout": layout, "method": method, "weights": weights, "center": bool(center)},
         algorithm=svd_methods.ALGORITHMS[method],

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,13 +46,11 @@ MAX_GROWTH = 2.0
 MIN_ENERGY, MAX_ENERGY = 1e-200, 1e200
 
 
-@dataclass(frozen=True)
-class Decomposition:
-    """Left singular vectors (features, modes), singular values, sum of all squares, and norm of the discarded part."""
+class Decomposition(NamedTuple):
+    """Left singular vectors (features, modes), singular values, and norm of the discarded part."""
 
     left: np.ndarray
     values: np.ndarray
-    energy: float
     discarded: float
 
 
@@ -185,13 +183,7 @@ class IncrementalSVD:
             filled = np.linalg.qr(np.hstack([left, np.eye(self.features)[:, : wanted + left.shape[1]]]))[0]
             left = np.hstack([left, filled[:, left.shape[1] : wanted]])
             values = np.concatenate([values, np.zeros(wanted - values.size)])
-        # rescaled sums: squares may underflow or overflow in the units of the rows
-        energy = float(values @ values + self.discarded_energy) / self.scale**2 if self.scale == 1.0 else math.nan
-        values = values / self.scale
-        if math.isnan(energy):
-            with np.errstate(over="ignore", under="ignore"):
-                energy = float(values @ values + self.discarded_energy / self.scale / self.scale)
-        return Decomposition(left, values, energy, math.sqrt(self.discarded_energy) / self.scale)
+        return Decomposition(left, values / self.scale, math.sqrt(self.discarded_energy) / self.scale)
 
     def _rescale(self, rows: np.ndarray) -> None:
         """Scale `rows` in place; adapt the scale if squares would underflow or overflow."""

@@ -1,4 +1,4 @@
-"""Checks of options, and labelled Datasets of modes and amplitudes."""
+"""Checks of options, the number of modes, and labelled Datasets of modes and amplitudes."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from cablepod import provenance
 from cablepod._inputs import floats
 from cablepod.conventions import ENDS, label, shared_coordinates
 from cablepod.discretisation._laws import law_of
-from cablepod.errors import did_you_mean, scene_error
+from cablepod.errors import SceneError, did_you_mean, scene_error
+from cablepod.parameters._checks import integer, number
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
-from cablepod.pod._energy import choose_rank, fractions
-from cablepod.pod._snapshots import MASS, arc_length_of, masses_of
+from cablepod.pod._snapshots import MASS, arc_length_of, masses_of, weight_roots
 from cablepod.pod._training_range import add_training_range
 
 LAYOUTS = ("separate", "vector", "normal")
 METHODS = tuple(svd_methods.ROUTES)
 WEIGHTS = (None, "length", "mass")
-#: Minimum number of lazy snapshots that are processed by two threads (fixed, so that results do not depend on the machine).
-TWO_THREAD_SAMPLES = 20_000
 
 
 def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
@@ -41,12 +39,39 @@ def check_options(layout: str, method: str, weights: str | None, rank: int | Non
         raise scene_error("rank and energy", (rank, energy), "one of them")
 
 
+def fractions(parts: np.ndarray, outside: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return parts (matrix, mode) divided by their sum plus `outside`, zero for a zero sum."""
+    total = parts.sum(axis=1, keepdims=True) + outside
+    return np.divide(parts, total, out=np.zeros_like(parts), where=total > 0)
+
+
+def choose_rank(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
+    """Return the number of modes to keep, at most `most`, from squared singular values (matrix, mode)."""
+    most = min(squares.shape[1], most)
+    if most < 1:
+        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
+    if rank is not None:
+        integer(least=1)("rank", rank)
+        if rank > most:
+            raise scene_error("rank", rank, f"at most {most}, as many as particles and snapshots give")
+        return int(rank)
+    if energy is None:
+        return most
+    number(above=0.0, most=1.0)("energy", energy)
+    needed = 1
+    for row, rest in zip(squares, outside[:, 0], strict=True):
+        if row.sum() > 0.0:
+            cumulative = np.cumsum(row) / (row.sum() + rest)
+            needed = max(needed, int(np.searchsorted(cumulative, energy * (1.0 - 1e-15))) + 1)
+    return min(needed, most)
+
+
 def labelled(
-    fields: list[np.ndarray],
+    vectors: list[np.ndarray],
     values: np.ndarray,
     errors: np.ndarray,
     discarded: np.ndarray,
-    mean: np.ndarray,
+    means: list[np.ndarray],
     samples: int,
     *,
     choice: tuple[int | None, float | None],
@@ -61,14 +86,14 @@ def labelled(
 
     Parameters
     ----------
-    fields
-        Modes (mode, inner particle, dims) of each data matrix.
+    vectors
+        Left singular vectors (feature, mode) of each data matrix, whose features are those of :func:`read_rows`.
     values, errors
         Singular values and estimates of their errors (matrix, mode) [m].
     discarded
         Norm of the part of each matrix outside the basis (matrix) [m].
-    mean
-        Time mean of the lifted position (particle, coordinate) [m].
+    means
+        Time mean of the rows of each matrix (feature,) [m].
     samples
         Number of snapshots.
     choice
@@ -88,8 +113,14 @@ def labelled(
     unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), discarded))[1].astype(float))[:, None]
     squares, outside = (values / unit) ** 2, (discarded[:, None] / unit) ** 2
     kept = choose_rank(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
-    layout = options["layout"]
-    shapes = [np.pad(fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
+    layout, root = options["layout"], weight_roots(like, options["weights"])
+
+    def at_particles(rows: np.ndarray) -> np.ndarray:
+        """Return rows of features as fields (rows, particle, dims), without the weights."""
+        fields = rows.reshape(len(rows), -1, root.size).transpose(0, 2, 1) / root[:, None]
+        return np.pad(fields, ((0, 0), (1, 1), (0, 0)))
+
+    shapes = [fix_sign(at_particles(columns.T[:kept])) for columns in vectors]
 
     total = squares.sum(axis=1, keepdims=True) + outside
     truncated = squares[:, kept:].sum(axis=1, keepdims=True) + outside
@@ -107,7 +138,7 @@ def labelled(
     }
     variables = _variables(layout, shapes, {name: table[:, :kept] for name, table in tables.items()}, truncation)
     if layout != "normal":
-        variables["mean"] = (("particle", "coordinate"), mean)
+        variables["mean"] = (("particle", "coordinate"), at_particles(np.concatenate(means)[None])[0])
     variables["unstretched_length"] = ((), arc_length[-1])
     # views of the tables of all modes would keep these in memory, and take longer to check
     result = xr.Dataset(

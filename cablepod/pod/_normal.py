@@ -17,6 +17,11 @@ from cablepod.errors import SceneError, scene_error
 SETS = ("", "_out_of_plane")
 
 
+def reference_of(position: np.ndarray) -> np.ndarray:
+    """Return the axis that the normals in space refer to, chosen from the first chord of positions (samples, particle, dims)."""
+    return ChordFrame.of(position[:1, -1] - position[:1, 0]).reference
+
+
 def deflections(position: np.ndarray, reference: np.ndarray | None = None) -> np.ndarray:
     """Return deflections (normals, samples, particle) [m] of positions (samples, particle, dims) [m].
 

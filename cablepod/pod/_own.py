@@ -360,23 +360,19 @@ def _orthonormal(values: np.ndarray, dims: tuple[Any, ...], weight: np.ndarray) 
     root = np.sqrt(weight).reshape(-1, *[1] * (len(dims) - 1 - dims.index("particle")))
     result = []
     for part in sets:
-        flat = (part * root).reshape(len(part), -1).copy()
-        inside = np.ones(part.shape[1:], dtype=bool)
-        inside[[0, -1]] = False
-        flat[:, ~inside.ravel()] = 0.0
-        done: list[np.ndarray] = []
-        for number, row in enumerate(flat, start=1):
-            norm = np.linalg.norm(row)
-            left = row / norm if norm else row
-            for _ in range(2):  # twice is enough for orthogonality to rounding
-                for other in done:
-                    left = left - (other @ left) * other
-            rest = np.linalg.norm(left)
-            if not rest > INDEPENDENT:
-                given = f"mode {number} that is zero or a sum of those before it"
-                raise scene_error("shapes", given, "shapes of which none is a sum of others, fewer than particles")
-            done.append(left / rest)
-        result.append(np.stack(done).reshape(part.shape) / root)
+        inner = (part * root)[:, 1:-1]
+        rows = inner.reshape(len(part), -1)
+        norms = np.linalg.norm(rows, axis=1, keepdims=True)
+        columns, triangle = np.linalg.qr((rows / np.where(norms > 0.0, norms, 1.0)).T)
+        left = np.zeros(len(rows))  # of each shape beside those before it; nothing of more shapes than numbers
+        left[: len(triangle)] = triangle.diagonal()
+        is_sum = np.abs(left) <= INDEPENDENT
+        if is_sum.any():
+            given = f"mode {int(np.argmax(is_sum)) + 1} that is zero or a sum of those before it"
+            raise scene_error("shapes", given, "shapes of which none is a sum of others, fewer than particles")
+        orthonormal = np.zeros(part.shape)
+        orthonormal[:, 1:-1] = (columns * np.sign(left)).T.reshape(inner.shape)
+        result.append(orthonormal / root)
     array = np.stack(result)
     return array if dims[0] != "mode" else array[0]
 

@@ -7,14 +7,15 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, MOTION, ROUNDING, TIMED, floats, numbers_in, taken
+from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, MOTION, TIMED, floats, numbers_in, taken
 from cablepod.conventions import label, shared_coordinates
+from cablepod.discretisation._interpolation import are_same
 from cablepod.discretisation._lifting import line_between
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import amplitude_dataset
-from cablepod.pod._snapshots import lift, particle_weights, positions, relative_arc_length
+from cablepod.pod._snapshots import particle_weights, positions, relative_arc_length
 
 
 def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
@@ -104,7 +105,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     """
     snapshots, modes = taken("snapshots", snapshots, MOTION), taken("modes", modes, MODES)
     sigma, snapshot_sigma = relative_arc_length(modes), relative_arc_length(snapshots)
-    if sigma.shape != snapshot_sigma.shape or np.abs(sigma - snapshot_sigma).max() > ROUNDING:
+    if not are_same(sigma, snapshot_sigma):
         raise SceneError(
             f"snapshots: given {snapshot_sigma.size} particles; allowed: the {sigma.size} particles of the modes, at the same "
             "S / L0"
@@ -113,12 +114,13 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         raise scene_error("snapshots.position", snapshots["position"].dims, "('time', 'particle', 'coordinate')")
     weights = str(choice("None", "length", "mass")("modes.weights", modes.attrs.get("weights")))
     weight = particle_weights(modes, None if weights == "None" else weights)
+    position = positions(snapshots)
+    ends = position[:, (0, -1)]
     if modes.attrs["layout"] == "normal":
-        position = positions(snapshots)
-        variables, ends = pod_normal.project(position, modes, weight), position[:, (0, -1)]
+        variables = pod_normal.project(position, modes, weight)
     else:
-        lifted, ends = lift(snapshots)
-        amplitude = np.einsum("tpc,mpc->tm", (lifted - mean_of(modes)) * weight[:, None], mode_fields(modes))
+        lifted = position - line_between(ends, snapshot_sigma) - mean_of(modes)
+        amplitude = np.einsum("tpc,mpc->tm", lifted * weight[:, None], mode_fields(modes))
         variables = {"amplitude": _split_amplitude(amplitude, modes)}
     result = amplitude_dataset(variables, ends, snapshots["time"].values, modes)
     result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
@@ -171,7 +173,10 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         fields = mode_fields(modes, amplitudes.sizes["mode"])
         amplitude = floats(amplitudes["amplitude"].values).reshape(amplitudes.sizes["time"], -1)
         ends = floats(amplitudes["end_position"].values)
-        position = compose(amplitude, ends, fields, mean_of(modes), relative_arc_length(modes))
+        position = (
+            line_between(ends, relative_arc_length(modes)) + mean_of(modes) + np.tensordot(amplitude, fields, axes=1)
+        )
+        position[:, (0, -1)] = ends  # exactly, without rounding errors of sigma
     result = xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position)},
         coords=shared_coordinates(
@@ -185,13 +190,3 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     label(result)
     result.attrs.update(title=f"{amplitudes.attrs.get('title', 'amplitudes')}: snapshots", stage="trajectory")
     return provenance.record(result, function="pod.reconstruct", parameters={}, inputs=[amplitudes, modes])
-
-
-def compose(
-    amplitude: np.ndarray, ends: np.ndarray, fields: np.ndarray, mean: np.ndarray, sigma: np.ndarray
-) -> np.ndarray:
-    """Return positions (time, particle, coordinate) [m] of amplitudes (time, modes), ends (time, 2, coordinate) and modes."""
-    position = line_between(ends, sigma) + mean + np.tensordot(amplitude, fields, axes=1)
-    # exact ends, without rounding errors of sigma
-    position[:, 0], position[:, -1] = ends[:, 0], ends[:, 1]
-    return position

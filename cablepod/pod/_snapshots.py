@@ -1,4 +1,4 @@
-"""Snapshots of a trajectory: checks, weights of the particles, and the lifted position of eq. (35)."""
+"""Snapshots of a trajectory: checks, positions, weights of the particles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ROUNDING, floats
-from cablepod.discretisation._lifting import line_between
+from cablepod.discretisation._interpolation import are_same
 from cablepod.errors import SceneError
 from cablepod.parameters._particles import tributary_lengths
 from cablepod.pod._blocks import read_blocks
@@ -126,13 +126,7 @@ def check_same_particles(parts: Sequence[xr.Dataset]) -> None:
             f"{number} particles in {_first_names(places[np.equal(counts, number)])}" for number in sorted(set(counts))
         ]
         raise SceneError(f"snapshots: given trajectories with {', '.join(kinds)}; allowed: the same particles in all")
-    first = parts[0]
-    different = [
-        place
-        for place, part in enumerate(parts)
-        if np.abs(relative_arc_length(part) - relative_arc_length(first)).max() > ROUNDING
-        or list(part["coordinate"].values) != list(first["coordinate"].values)
-    ]
+    different = [place for place, part in enumerate(parts) if not are_alike(part, parts[0])]
     if different:
         raise SceneError(
             "snapshots: given trajectories with particles at different S / L0 or with other coordinates, the trajectories "
@@ -140,10 +134,16 @@ def check_same_particles(parts: Sequence[xr.Dataset]) -> None:
         )
 
 
-def check_same_masses(parts: Sequence[xr.Dataset]) -> None:
+def are_alike(first: xr.Dataset, second: xr.Dataset) -> bool:
+    """Tell whether two Datasets have the same particles S / L0 and coordinates."""
+    same = are_same(relative_arc_length(first), relative_arc_length(second))
+    return same and first["coordinate"].values.tolist() == second["coordinate"].values.tolist()
+
+
+def check_same_masses(first: xr.Dataset, second: xr.Dataset) -> None:
     """Refuse trajectories on particles with other ratios of masses, which have no common inner product by mass."""
-    first, *others = [particle_weights(part, "mass")[1:-1] for part in parts]
-    if any(np.abs(weight / first - 1.0).max() > ROUNDING for weight in others):
+    weight, other = (particle_weights(part, "mass")[1:-1] for part in (first, second))
+    if np.abs(other / weight - 1.0).max() > ROUNDING:
         raise SceneError(
             'weights: given "mass" and trajectories of chains with different ratios of the masses of their particles; allowed: '
             '"length" or None'
@@ -181,16 +181,3 @@ def positions(snapshots: xr.Dataset) -> np.ndarray:
         where = broken_member(snapshots["position"])
         raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers")
     return position
-
-
-def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Subtract the straight line between the ends from the positions, eq. (35).
-
-    Returns
-    -------
-    tuple
-        Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
-    """
-    position = positions(snapshots)
-    ends = position[:, (0, -1)]
-    return position - line_between(ends, relative_arc_length(snapshots)), ends

@@ -11,20 +11,21 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import ROUNDING, SNAPSHOTS, taken
+from cablepod._inputs import SNAPSHOTS, taken
 from cablepod._resources import defer_sigint_during_dask
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._pool import map_threads
-from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import truth
+from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._incremental import IncrementalSVD
-from cablepod.pod._label import TWO_THREAD_SAMPLES, check_options, labelled
+from cablepod.pod._label import check_options, labelled
 from cablepod.pod._snapshots import (
     MASS,
+    are_alike,
     broken_member,
     check_same_masses,
     position_of,
@@ -32,6 +33,9 @@ from cablepod.pod._snapshots import (
     weight_roots,
 )
 from cablepod.pod._training_range import range_of, union_of_ranges
+
+#: Minimum number of lazy snapshots that are processed by two threads (fixed, so that results do not depend on the machine).
+TWO_THREAD_SAMPLES = 20_000
 
 
 class Stream:
@@ -95,7 +99,7 @@ class Stream:
             with one_blas_thread() if small else nullcontext():
                 for block in read_blocks(position):
                     if reference is None and self.layout == "normal" and len(block):
-                        reference = ChordFrame.of(block[:1, -1] - block[:1, 0]).reference
+                        reference = pod_normal.reference_of(block)
                     _add_in_threads(thread_sums, block, (sigma, root, self.layout, reference))
                 for second_sums in thread_sums[1:]:
                     for total, second in zip(sums, second_sums, strict=True):
@@ -156,8 +160,6 @@ class Stream:
         check_options(self.layout, "svd", self.weights, rank, energy)
         if self._like is None or self.samples == 0:
             raise SceneError("snapshots: given none; allowed: at least two instants")
-        root = weight_roots(self._like, self.weights)
-        width = root.size
         # the same number of modes for all coordinates
         most = max(svd.axes.shape[1] for svd in self._sums)
         with one_blas_thread() if most <= COMPLETE else nullcontext():
@@ -172,15 +174,12 @@ class Stream:
                 for row, norm in zip(values, discarded, strict=True)
             ]
         )
-        # features are ordered coordinate by coordinate
-        fields = [part.left[:, :count].T.reshape(count, -1, width).transpose(0, 2, 1) / root[:, None] for part in parts]
-        mean = np.stack([svd.mean().reshape(-1, width) for svd in self._sums]).reshape(-1, width).T / root[:, None]
         return labelled(
-            fields,
+            [part.left for part in parts],
             values,
             errors,
             discarded,
-            np.pad(mean, ((1, 1), (0, 0))),
+            [svd.mean() for svd in self._sums],
             self.samples,
             choice=(rank, energy),
             options={"layout": self.layout, "method": "svd", "weights": self.weights, "center": self.center},
@@ -194,17 +193,15 @@ class Stream:
     def _check_particles(self, snapshots: xr.Dataset) -> None:
         """Refuse snapshots with other particles or coordinates than before."""
         assert self._like is not None
-        sigma, new_sigma = relative_arc_length(self._like), relative_arc_length(snapshots)
-        same = sigma.shape == new_sigma.shape and np.abs(sigma - new_sigma).max() <= ROUNDING
-        if same and self.weights == "mass":
-            check_same_masses([self._like, snapshots])
-        coordinates = snapshots["coordinate"].values.tolist()
-        if not same or coordinates != self._like["coordinate"].values.tolist():
+        if not are_alike(self._like, snapshots):
+            coordinates = snapshots["coordinate"].values.tolist()
             members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""
             raise SceneError(
-                f"snapshots: given {new_sigma.size} particles{members} and coordinates {coordinates}; allowed: "
-                f"the {sigma.size} particles at the same S / L0 and the coordinates of the previous snapshots"
+                f"snapshots: given {snapshots.sizes['particle']} particles{members} and coordinates {coordinates}; allowed: "
+                f"the {self._like.sizes['particle']} particles at the same S / L0 and the coordinates of the previous snapshots"
             )
+        if self.weights == "mass":
+            check_same_masses(self._like, snapshots)
 
     def _record(self, samples: int, like: xr.Dataset, inputs: Iterable[provenance.Input]) -> Stream:
         """Record the number of snapshots and their history; return the stream."""
