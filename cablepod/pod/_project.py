@@ -101,7 +101,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     SceneError
-        If the particles differ, or positions are missing or not finite.
+        If particles or coordinates differ, or positions are missing or not finite.
     """
     snapshots, modes = taken("snapshots", snapshots, MOTION), taken("modes", modes, MODES)
     sigma, snapshot_sigma = relative_arc_length(modes), relative_arc_length(snapshots)
@@ -110,6 +110,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
             f"snapshots: given {snapshot_sigma.size} particles; allowed: the {sigma.size} particles of the modes, at the same "
             "S / L0"
         )
+    _check_coordinates("snapshots", snapshots, modes)
     if set(snapshots["position"].dims) != {"time", "particle", "coordinate"}:
         raise scene_error("snapshots.position", snapshots["position"].dims, "('time', 'particle', 'coordinate')")
     weights = str(choice("None", "length", "mass")("modes.weights", modes.attrs.get("weights")))
@@ -125,6 +126,13 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     result = amplitude_dataset(variables, ends, snapshots["time"].values, modes)
     result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
     return provenance.record(result, function="pod.project", parameters={}, inputs=[snapshots, modes])
+
+
+def _check_coordinates(key: str, dataset: xr.Dataset, modes: xr.Dataset) -> None:
+    """Refuse a trajectory or amplitudes of other coordinates than the modes."""
+    given, own = (part["coordinate"].values.tolist() for part in (dataset, modes))
+    if given != own:
+        raise scene_error(f"{key}: coordinate", given, f"those of the modes, {own}")
 
 
 def mean_of(modes: xr.Dataset) -> np.ndarray:
@@ -167,6 +175,7 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         raise scene_error(
             "amplitudes", amplitudes["amplitude"].dims, f"those of modes with layout {modes.attrs['layout']!r}"
         )
+    _check_coordinates("amplitudes", amplitudes, modes)
     if modes.attrs["layout"] == "normal":
         position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))
     else:

@@ -134,6 +134,19 @@ def test_snapshots_that_cannot_be():
         cp.pod.project(made_up(particles=9), cp.pod.decompose(snapshots))
 
 
+@pytest.mark.parametrize("layout", ["separate", "vector", "normal"])
+@pytest.mark.parametrize("dims", [(2, 3), (3, 2)])
+def test_modes_of_other_coordinates_are_refused(layout, dims):
+    own, other = (made_up(dims=number).assign_coords(arc_length=("particle", np.arange(12.0))) for number in dims)
+    modes, others = (cp.pod.decompose(snapshots, layout=layout, rank=2) for snapshots in (own, other))
+    with pytest.raises(
+        cp.SceneError, match=r"snapshots: coordinate: given \['x', .*; allowed: those of the modes, \['x', "
+    ):
+        cp.pod.project(other, modes)
+    with pytest.raises(cp.SceneError, match=r"amplitudes: coordinate: given \['x', "):
+        cp.pod.reconstruct(cp.pod.project(other, others), modes)
+
+
 @pytest.mark.parametrize("weights", [None, "length"])
 @pytest.mark.parametrize("layout", ["separate", "vector"])
 @pytest.mark.parametrize("method", ["covariance", "snapshots"])
