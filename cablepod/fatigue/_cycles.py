@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,6 @@ LABELS = {
 }
 #: Exponent of the S-N curve and frequency [Hz] of equivalent ranges, also of those that studies and ensembles give.
 EXPONENT, FREQUENCY = 4.0, 1.0
-#: Number of samples from which a thread pays (0.1 ms, their hash 0.4 ms).
-MIN_IN_BACKGROUND = 100_000
 
 
 def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
@@ -76,17 +73,16 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
         raise SceneError(
             f"series: given one with {min(own)}; allowed: names other than those of the result; try: rename"
         )
-    with _in_background(rows) as identity:
-        pairs, counts = np.empty((*rows.shape, 2), np.int32), np.empty(len(rows), np.int64)
-        kernel.all_cycles(rows, pairs, counts)
-        counts[np.isnan(size)] = 0
-        most = int(counts.max(initial=0))
-        if (place := series.coords.variables.get(dim)) is not None:
-            places, place_units = np.asarray(place.values, dtype=float), str(place.attrs.get("units", "1"))
-        else:
-            places, place_units = np.arange(rows.shape[1], dtype=float), "1"
-        filled = np.empty((len(LABELS), len(rows), most))
-        kernel.tables(rows, places, pairs, counts, filled)
+    pairs, counts = np.empty((*rows.shape, 2), np.int32), np.empty(len(rows), np.int64)
+    kernel.all_cycles(rows, pairs, counts)
+    counts[np.isnan(size)] = 0
+    most = int(counts.max(initial=0))
+    if (place := series.coords.variables.get(dim)) is not None:
+        places, place_units = np.asarray(place.values, dtype=float), str(place.attrs.get("units", "1"))
+    else:
+        places, place_units = np.arange(rows.shape[1], dtype=float), "1"
+    filled = np.empty((len(LABELS), len(rows), most))
+    kernel.tables(rows, places, pairs, counts, filled)
     of = series.attrs.get("long_name", series.name or "the series")
     units = {"series": str(series.attrs.get("units", "1")), "dim": place_units}
     shape = (*(series.sizes[name] for name in dims), most)
@@ -106,7 +102,7 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     # twice as fast as a Dataset of variables and coordinates, which xarray aligns
     result = xr.Coordinates(variables, indexes={**indexes, "cycle": index}).to_dataset().reset_coords(list(LABELS))
     result.attrs.update(title=f"rainflow cycles of {of}", stage="cycles")
-    return provenance.record(result, function="fatigue.ranges", parameters={"series": identity(), "dim": dim})
+    return provenance.record(result, function="fatigue.ranges", parameters={"series": rows, "dim": dim})
 
 
 def equivalent(
@@ -300,15 +296,3 @@ def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable
 def _without(series: xr.DataArray, dim: Hashable) -> list[Hashable]:
     """Return the names of the coordinates that do not run along `dim`."""
     return [name for name, variable in series.coords.variables.items() if dim not in variable.dims]
-
-
-@contextmanager
-def _in_background(rows: np.ndarray) -> Iterator[Callable[[], Any]]:
-    """Make what the history keeps of rows, a hash, beside the count, which takes as long; give a function that returns it."""
-    if rows.size < MIN_IN_BACKGROUND:
-        yield lambda: rows
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(1) as pool:
-        yield pool.submit(provenance.to_json, rows).result
