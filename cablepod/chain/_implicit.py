@@ -208,7 +208,7 @@ class ImplicitStepper:
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
         tension = float(np.abs(chain.tensions_and_forces(run.initial)[0]).mean())
-        rotation = math.sqrt(2.0 * TENSION_RTOL * tension / chain.largest_axial_stiffness)
+        rotation = math.sqrt(2.0 * TENSION_RTOL * tension / chain.stiffness_of_parts.max())
         self.rotation_tolerance = run.newton_factor * min(max(rotation, MIN_ROTATION), MAX_ROTATION)
         self.iterations, self.substepped = 0, 0
 

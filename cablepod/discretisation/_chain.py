@@ -83,11 +83,9 @@ class LumpedChain:
         return self.p.stiffness if self._has_one_stiffness else self.k * self.length
 
     @cached_property
-    def largest_axial_stiffness(self) -> float:
-        """Largest axial stiffness K along the cable [N]."""
-        if self.p.segments:
-            return max(segment.stiffness for segment in self.p.segments)
-        return float(np.max(self.axial_stiffness))
+    def stiffness_of_parts(self) -> np.ndarray:
+        """Axial stiffness K of the segments, otherwise of the links, or one for all (parts,) [N]."""
+        return self._of_segments("stiffness") if self.p.segments else np.atleast_1d(self.axial_stiffness)
 
     @cached_property
     def mass(self) -> np.ndarray:
@@ -298,7 +296,7 @@ class LumpedChain:
         ends = self.p.end_positions(np.linspace(0.0, end_time, 1001))
         stretch = float(np.sqrt(square(ends[:, 1] - ends[:, 0])).max() / self.total_length)
         if self.p.segments:  # that of the softest
-            stretch = 1.0 + (stretch - 1.0) * self.p.stiffness / self._least_stiffness
+            stretch = 1.0 + (stretch - 1.0) * self.p.stiffness / float(self.stiffness_of_parts.min())
         return float(tangent_stiffness_ratio(stretch**2)) if self.green else 1.0
 
     def highest_frequency(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
@@ -328,13 +326,6 @@ class LumpedChain:
         return verlet_step_limit(self.highest_frequency(stiffness_ratio), self._axial_viscosity)
 
     @property
-    def _least_stiffness(self) -> float:
-        """Least axial stiffness K along the cable [N]."""
-        if self.p.segments:
-            return min(segment.stiffness for segment in self.p.segments)
-        return float(np.min(self.axial_stiffness))
-
-    @property
     def _axial_viscosity(self) -> float | None:
         """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that.
 
@@ -342,7 +333,7 @@ class LumpedChain:
         """
         if self.p.tension_damping is None:
             return self.p.link_viscosity
-        strain = float(self.statics[4:].max()) / self._least_stiffness
+        strain = float(self.statics[4:].max() / self.stiffness_of_parts.min())
         return (self.p.link_viscosity or 0.0) + self.p.tension_damping * strain
 
 
