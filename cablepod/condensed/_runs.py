@@ -25,7 +25,7 @@ from cablepod.integrate._comparison import SECOND_ORDER, motion_scale
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output_times import preferred_steps_per_second
 from cablepod.integrate._particle_air import OF_DRAG
-from cablepod.integrate._request import Request, check_resolved, check_step
+from cablepod.integrate._request import REDUCED_TOLERANCE, TIME_ERROR_SHARE, Request, check_resolved, check_step
 from cablepod.integrate._run import Run
 from cablepod.integrate._step_control import fit_step, refine_step
 from cablepod.wind._air import air_of
@@ -46,8 +46,8 @@ PHASE_PER_STEP = 0.4
 FOURTH_ORDER_THRESHOLD = 0.03
 #: Number of intervals in which the longest chord is looked for before a run whose step is fitted.
 FIT_INTERVALS = 200
-#: Default time error over the estimated error of the model, and its bounds as a fraction of the motion.
-TIME_ERROR_SHARE, MIN_TOLERANCE, MAX_TOLERANCE = 0.1, 1e-6, 1e-2
+#: Maximum default time error as a fraction of the motion.
+MAX_TOLERANCE = 1e-2
 #: Default time error as a fraction of the motion where the error of the model is not estimated.
 DEFAULT_TOLERANCE = 1e-3
 #: First step of the scheme of fourth order times the highest angular frequency; phases err by (omega h)^4 / 720 of themselves.
@@ -211,7 +211,7 @@ def fourth_order_step(omega_squared: Any, damping: Any) -> Any:
 
 def time_tolerance(error: Any) -> Any:
     """Return the tolerance of the time error for the estimated error of the model; numbers or members."""
-    return np.clip(TIME_ERROR_SHARE * error, MIN_TOLERANCE, MAX_TOLERANCE)
+    return np.clip(TIME_ERROR_SHARE * error, REDUCED_TOLERANCE, MAX_TOLERANCE)
 
 
 def _fitted(run: CondensedRun, first_step: float, limit: float) -> CondensedResult:

@@ -13,8 +13,8 @@ import numpy as np
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.discretisation._formulas import green_secant, linear_secant
-from cablepod.discretisation._laws import law_tension
+from cablepod.discretisation._formulas import green_secant
+from cablepod.discretisation._laws import law_tension, taut_secant
 from cablepod.discretisation._lifting import line_between, weights_of_ends
 from cablepod.parameters._time_functions import TimeFunction
 
@@ -235,8 +235,7 @@ class GalerkinModel:
             s, ds = green_secant(square, stiffness), stiffness
         else:
             xi = np.sqrt(square)
-            taut = xi > 1.0
-            s, ds = np.where(taut, linear_secant(1.0 / xi, stiffness), 0.0), np.where(taut, stiffness / xi**3, 0.0)
+            s, ds = taut_secant(xi, 1.0, stiffness), np.where(xi > 1.0, stiffness / xi**3, 0.0)
         products = self.field_products
         hessian = (s @ products.reshape(len(products), -1)).reshape(-1, *products.shape[1:])
         hessian += (along * (ds if ds.ndim == 1 else ds[:, None])) @ along.swapaxes(1, 2)

@@ -11,14 +11,12 @@ from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._record import GalerkinTrajectory
 from cablepod.galerkin._runs import GalerkinRun
-from cablepod.integrate._request import REDUCED_TOLERANCE, Request
+from cablepod.integrate._request import REDUCED_TOLERANCE, TIME_ERROR_SHARE, Request
 from cablepod.integrate._scheme import Halving, SchemeChoice, Solution
 from cablepod.integrate._step_control import Found, Refinement, complete, fit_step, refine_step
 
 SCHEMES = ("velocity_verlet", "filtered_verlet", "trapezoidal")
 EXPLICIT = SCHEMES[:2]
-#: Default time error over the estimated error of the model.
-TIME_ERROR_SHARE = 0.1
 #: Maximum number of times that the steps are shortened because a finer run expects less of the model.
 MAX_PASSES = 3
 #: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).

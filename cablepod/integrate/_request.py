@@ -25,6 +25,8 @@ from cablepod.parameters._time_functions import check_reach
 #: Default tolerance of the time error of full models, as a fraction of the motion; the least that reduced models ask for by
 #: themselves, and their default where they have no estimate of their modes.
 DEFAULT_TOLERANCE, REDUCED_TOLERANCE = 1e-4, 1e-6
+#: Default time error of reduced models over their estimated error.
+TIME_ERROR_SHARE = 0.1
 #: Maximum given step without a warning, as a fraction of the shortest time scale of motions and loads.
 MAX_STEP_RATIO = 0.25
 #: Maximum number of steps of a given length (weeks), and without a warning (some minutes of a chain of 40 links); number of steps
