@@ -94,7 +94,7 @@ def test_a_sine_has_one_cycle_a_period_of_twice_its_amplitude():
 
 
 def test_many_samples_are_counted_as_few():
-    # of more than 100 000 numbers the hash of the history is made in a thread
+    # the history keeps the hash of a long series, and that of a short one
     samples = np.tile(np.random.default_rng(4).normal(size=3000), 40)
     few, many = (cp.fatigue.ranges(series_of(samples[:size])) for size in (3000, samples.size))
     for result, size in ((few, 3000), (many, samples.size)):
