@@ -25,7 +25,7 @@ from cablepod.discretisation._chain import LumpedChain
 START_ITERATIONS, START_RTOL = 20, 1e-9
 #: Number of values at points or links that are computed at a time: larger arrays are given back to the system and fetched anew
 #: in each call, which takes longer than the products.
-VALUES_AT_A_TIME = 20_000
+VALUES_AT_A_TIME = 10_000
 
 
 def drive_of(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.ndarray) -> Drive:
