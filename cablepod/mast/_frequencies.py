@@ -88,11 +88,9 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     if guys == "catenary" or not p.guys:
         mass, stiffness, end_mass = mast.mass_with_guys, at_rest.stiffness, mast.guy_masses[:, None, None] * np.eye(2)
     else:
-        model: Any
-        if guys == "condensed":
-            model = guys_in_mean_wind(mast, rank)
-        else:
-            model = guy_modes(ChainGuys(mast, links_of(p), air), 2 * rank)
+        model: Any = (
+            guy_modes(ChainGuys(mast, links_of(p), air), 2 * rank) if guys == "chain" else guys_in_mean_wind(mast, rank)
+        )
         end_mass = model.end_mass
         mass, stiffness = with_guys(at_rest.rows, beam.mass, at_rest.mast_stiffness, end_mass, model.tangents)
     if count > len(mass):
