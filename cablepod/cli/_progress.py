@@ -50,7 +50,6 @@ def telling_of_compilation() -> Iterator[None]:
     from numba.core import event  # the commands that use this compute
 
     begun, told = 0.0, False
-    _Compilation.depth, _Compilation.done = 0, 0.0
 
     class Listener(event.Listener):
         """Clock of the compilation, of the outermost of nested events."""
@@ -70,9 +69,11 @@ def telling_of_compilation() -> Iterator[None]:
             if _Compilation.depth == 0:
                 _Compilation.done += time.monotonic() - _Compilation.begun
 
-    with event.install_listener("numba:compile", Listener()):
-        yield
-    _Compilation.depth, _Compilation.done = 0, 0.0
+    try:
+        with event.install_listener("numba:compile", Listener()):
+            yield
+    finally:  # also of a command that fails: the next one of this process begins anew
+        _Compilation.depth, _Compilation.done = 0, 0.0
 
 
 class Bars:

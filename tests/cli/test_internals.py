@@ -106,6 +106,22 @@ def test_lines_say_how_long_it_was_compiling(monkeypatch, capsys):
     ]
 
 
+def test_a_command_that_fails_leaves_no_time_of_compilation_to_the_next_one(monkeypatch, capsys):
+    now = [100.0]
+    monkeypatch.setattr(_progress.time, "monotonic", lambda: now[0])
+
+    def fail():
+        now[0] += 5.0
+        raise cp.SceneError("scene: missing")
+
+    with pytest.raises(cp.SceneError), _progress.telling_of_compilation(), event.trigger_event("numba:compile"):
+        fail()
+    with Bars() as bars:
+        now[0] += 11.0
+        bars("chain", 0.1)
+    assert capsys.readouterr().err == "cablepod: note: chain: 10 % after 11 s\n"
+
+
 def test_a_note_without_a_bar_is_one_line(capsys):
     note("two\n  lines")
     assert capsys.readouterr().err == "cablepod: note: two lines\n"
