@@ -10,7 +10,7 @@ import functools
 import os
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import closing, nullcontext, suppress
 from typing import Any
@@ -134,7 +134,7 @@ def run(
     result = open_ensemble(path)
     notes = emit_of_all_members(notes, lambda: result)
     emit_warnings(notes, scenes.sizes["member"], errors, accepted_time_error(model_of(plan["model"]), plan["options"]))
-    _warn_of_failures(result)
+    _warn_of_failures(_failures_in(result), scenes.sizes["member"])
     return result
 
 
@@ -168,6 +168,11 @@ def batches(
         As :func:`run`.
     RunStopped
         As :func:`run`.
+
+    Warns
+    -----
+    WorkersWarning, MemberFailedWarning, NotConvergedWarning
+        As :func:`run`, those of members behind the last batch.
     """
     plan, inputs = _prepare(scenes, model, modes, options, batch)
     return _batches(plan, inputs, scheduler, workers, progress)
@@ -198,11 +203,13 @@ def _batches(
         queue = JobQueue(pool, submit, range(len(sizes)), limit=lambda slots: slots + 1)
         notes: list[Note] = []
         errors: dict[str, list[float]] = {}
+        failures: dict[int, str] = {}
         accepted = accepted_time_error(model_of(plan["model"]), plan["options"])
         try:
             for number, (result, batch_notes) in enumerate(queue.in_order()):
                 notes += batch_notes
                 errors |= time_errors(result, accepted) or {}
+                failures |= _failures_in(result)
                 total.update(number, 1.0)
                 record = {name: plan[name] for name in ("model", "options", "batch")} | {"number": number}
                 yield provenance.record(
@@ -211,6 +218,7 @@ def _batches(
         finally:
             stop.set()
     emit_warnings(notes, plan["members"], errors, accepted)
+    _warn_of_failures(failures, plan["members"])
 
 
 def _compute_in_worker(
@@ -342,12 +350,18 @@ def _run_batches(
                 pool.executor.shutdown(cancel_futures=True)
 
 
-def _warn_of_failures(result: xr.Dataset) -> None:
-    """Warn of the number of failed members, with the first reason."""
-    failed = np.flatnonzero(result["failure"].values != "")
-    if failed.size:
+def _failures_in(result: xr.Dataset) -> dict[int, str]:
+    """Return number and reason of each member of a result that failed."""
+    members = zip(result["member"].values.tolist(), result["failure"].values.tolist(), strict=True)
+    return {number: reason for number, reason in members if reason}
+
+
+def _warn_of_failures(failures: Mapping[int, str], count: int) -> None:
+    """Warn of the number of failed members among `count`, with the first reason."""
+    if failures:
+        first = next(iter(failures))
         warn(
-            f"{failed.size} of {result.sizes['member']} members failed and hold nan, the first is member "
-            f"{int(result['member'][failed[0]])}: {result['failure'].values[failed[0]]}; see the variable failure for all",
+            f"{len(failures)} of {count} members failed and hold nan, the first is member {first}: {failures[first]}; see the "
+            "variable failure for all",
             MemberFailedWarning,
         )

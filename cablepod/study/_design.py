@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,7 @@ import xarray as xr
 from cablepod import archive, mast, provenance
 from cablepod._inputs import check_units, taken
 from cablepod.archive._folder import path_of
-from cablepod.errors import SceneError, scene_error, shown
+from cablepod.errors import MemberFailedWarning, SceneError, scene_error, shown
 from cablepod.mast._runs import warn_of_late_breaks
 from cablepod.parameters._checks import integer, number, numbers_list
 from cablepod.parameters._from_scene import parameters
@@ -146,7 +147,8 @@ def design(
     result = _unstacked(of_storms, axes)
     result = with_peaks(result, kind, level)
     if kind is MAST:
-        with without_warnings():  # the storms have warned
+        with without_warnings(), warnings.catch_warnings():  # the storms have warned
+            warnings.simplefilter("ignore", MemberFailedWarning)
             result = with_rest(result, mast.rest(scenes.isel(member=_members_of(axes)[:, :, 0].ravel())))
     if curve is not None:
         start, end = window or (0.0, float(scene["time_duration"]))

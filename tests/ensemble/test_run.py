@@ -75,6 +75,17 @@ def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, slackened, t
     assert stage == ["make_scene", "ensemble.design", "changed outside the package", "ensemble.run"]
 
 
+def test_batches_in_memory_warn_of_failing_members_too(scenes_of, slackened):
+    bad = slackened(scenes_of(9), [1, 2, 4])
+    with pytest.warns(
+        cp.MemberFailedWarning, match=r"^3 of 9 members failed .* member 1: cable\.top_tension: given 1\.0"
+    ) as caught:
+        parts = list(cp.ensemble.batches(bad, batch=3, step=ENSEMBLE_STEP))
+    assert number_of(cp.MemberFailedWarning, caught) == 1
+    failures = np.concatenate([part["failure"] for part in parts])
+    np.testing.assert_array_equal(np.flatnonzero(failures != ""), [1, 2, 4])
+
+
 def test_all_members_may_fail(scenes_of, slackened, tmp_path):
     with pytest.warns(cp.MemberFailedWarning, match="3 of 3 members failed"):
         run = cp.ensemble.run(slackened(scenes_of(3), slice(None)), tmp_path / "it", step=ENSEMBLE_STEP)
