@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive._checked import changed
-from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, newer, opened_file, restored
+from cablepod.archive._read import READ_ERRORS, damaged, newer, opened_file, restored
 from cablepod.archive._seal import SCHEMA, seal_of
 from cablepod.conventions import printed
 from cablepod.errors import ArchiveError, printable
@@ -85,6 +85,11 @@ def file_of(number: int) -> str:
     return f"batch_{number:04d}.nc"
 
 
+def missing_file(path: Path) -> ArchiveError:
+    """Return the error for the file of a batch that is not there."""
+    return ArchiveError(f"{path}: is missing; run the ensemble again, which computes what is missing")
+
+
 def check_batch(folder: Path, manifest: Mapping[str, Any], number: int, *, verify: bool = True) -> None:
     """Check that the file of a batch exists, is complete and belongs to this ensemble (reads its seal or attributes only).
 
@@ -95,33 +100,26 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int, *, verif
     ArchiveError
         If the file is missing, damaged, of a newer version or of another ensemble.
     """
-    import netCDF4  # opens a file four times as fast as xarray
-    from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
-
-    path, entry = folder / file_of(number), manifest["done"].get(str(number))
+    path = folder / file_of(number)
     if not path.exists():
-        raise ArchiveError(f"{path}: is missing; run the ensemble again, which computes what is missing")
+        raise missing_file(path)
     try:
-        if (seal := seal_of(path)) is not None and seal.id:
-            attributes: dict[str, Any] = {"cablepod_schema": seal.schema, "id": seal.id}
-        else:
-            with netcdf_lock(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
-                attributes = {
-                    name: file.getncattr(name) for name in ("cablepod_schema", "id") if name in file.ncattrs()
-                }
+        seal = seal_of(path)
     except READ_ERRORS as error:
         raise damaged(path, error) from error
-    if attributes.get("cablepod_schema", SCHEMA + 1) > SCHEMA:
-        with opened_file(path):  # raises the error for this file
-            pass
-    if attributes.get("id") != batch_id(manifest["id"], number):
+    if seal is not None and seal.schema <= SCHEMA:
+        identifier: Any = seal.id
+    else:
+        with opened_file(path, verify=False) as opened:  # which refuses a newer version
+            identifier = opened.attrs.get("id")
+    if identifier != batch_id(manifest["id"], number):
         raise ArchiveError(
             f"{path}: is not batch {number} of the ensemble {manifest['id']}; take it from a backup, or remove it"
         )
-    if verify and entry is not None and path.stat().st_size != entry["bytes"]:
+    if verify and seal is None:
         raise ArchiveError(
-            f"{path}: is damaged or edited, its size differs from that in {MANIFEST}; take it from a backup, remove it, or "
-            "take it as it is with verify=False (command: --no-verify)"
+            f"{path}: is damaged or edited, it lacks its last line; take it from a backup, remove it, or take it as it is with "
+            "verify=False (command: --no-verify)"
         )
 
 
@@ -135,13 +133,13 @@ def read_entry(path: Path, *, verify: bool = True) -> dict[str, Any]:
     """
     with opened_file(path, verify=verify) as opened:
         try:
-            return entry_of(restored(opened), path)
+            return entry_of(restored(opened))
         except READ_ERRORS as error:
             raise damaged(path, error) from error
 
 
-def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
-    """Return the entry of a batch in the manifest: size of its file, layout, common attributes, what to know of its members."""
+def entry_of(batch: xr.Dataset) -> dict[str, Any]:
+    """Return the entry of a batch in the manifest: layout, common attributes, what to know of its members."""
     layout: dict[str, Any] = {"variables": {}, "shared": {}}
     for name, variable in batch.variables.items():
         if "member" not in variable.dims:
@@ -151,7 +149,6 @@ def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
             layout["variables"][str(name)] = [list(variable.dims), [*variable.shape[1:]], variable.dtype.str]
     numbers, reasons = batch["member"].values.tolist(), batch["failure"].values.tolist()
     return {
-        "bytes": path.stat().st_size,
         "layout": layout,
         "texts": {
             str(name): value

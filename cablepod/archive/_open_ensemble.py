@@ -16,7 +16,16 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.archive._checked import blocks_of, changed, check_bytes
 from cablepod.archive._folder import path_of
-from cablepod.archive._manifest import FAILURE, SCENES, check_batch, file_of, read_entry, read_manifest, sizes_of
+from cablepod.archive._manifest import (
+    FAILURE,
+    SCENES,
+    check_batch,
+    file_of,
+    missing_file,
+    read_entry,
+    read_manifest,
+    sizes_of,
+)
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, read, restored
 from cablepod.batch._stack import is_varied
 from cablepod.errors import ArchiveError
@@ -69,9 +78,7 @@ class _ChunkReader:
             raise
         except READ_ERRORS as error:
             if not path.exists():
-                raise ArchiveError(
-                    f"{path}: is missing; run the ensemble again, which computes what is missing"
-                ) from error
+                raise missing_file(path) from error
             raise damaged(path, error) from error
         return np.ascontiguousarray(np.broadcast_to(values, (count, *shape)))
 

@@ -286,11 +286,11 @@ def write_batch(folder: Path, manifest: Mapping[str, Any], number: int, batch: x
     if batch is not None:
         try:
             archive.write(batch, path)
-            return entry_of(batch, path)
+            return entry_of(batch)
         except ArchiveError:
             if not path.exists():
                 raise
-    check_batch(folder, {**manifest, "done": {}}, number)
+    check_batch(folder, manifest, number)
     return read_entry(path)
 
 

@@ -341,6 +341,5 @@ def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr
             name: value.item() if isinstance(value, np.generic) else value for name, value in attributes.items()
         },
         "inputs_history": history,
-        "files": [file_of(number) for number in range(len(sizes_of(plan)))],
         "done": {},
     }

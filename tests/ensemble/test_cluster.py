@@ -240,7 +240,7 @@ def test_a_folder_of_the_same_name_elsewhere_is_not_that_of_the_run(copied, tmp_
     assert not (copied / "batch_0001.nc").exists()
     written = run_batch(copied, ensemble, 1, token=token, alone=False)
     assert written.batch is None
-    assert written.entry["bytes"] == (copied / "batch_0001.nc").stat().st_size
+    assert written.entry == json.loads((copied / "manifest.json").read_text())["done"]["1"]
     kept = cp.archive.read(copied / "batch_0001.nc")
     xr.testing.assert_equal(done.batch, kept)
     assert done.batch.attrs["id"] == kept.attrs["id"]
@@ -284,9 +284,8 @@ def test_the_client_writes_what_workers_send_that_do_not_see_the_folder(
     assert len(said) == 1
     assert said[0].startswith(f"waiting for a worker of '{address}': it has none at present, 3 batches")
     manifests = [json.loads((path / "manifest.json").read_text()) for path in (folder, tmp_path / "here")]
-    assert manifests[0]["files"] == sorted(path.name for path in folder.glob("batch*"))
-    for number, entry in manifests[0]["done"].items():
-        assert {**entry, "bytes": 0} == {**manifests[1]["done"][number], "bytes": 0}
+    assert len(list(folder.glob("batch*"))) == 3
+    assert manifests[0]["done"] == manifests[1]["done"]
     # it goes on with what is missing, and only that, beside a worker that does see the folder
     kept = (folder / "batch_0001.nc").stat().st_mtime_ns
     (folder / "batch_0000.nc").unlink()

@@ -257,7 +257,7 @@ def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_pat
     for damage, match in (
         (content[:2000], "is truncated or damaged"),
         (content + b"\0", "is truncated or damaged"),
-        (content + bytes(4096), "its size differs from that in manifest"),
+        (content + bytes(4096), "is damaged or edited, it lacks its last line"),
     ):
         (folder / "batch_0001.nc").write_bytes(damage)
         with pytest.raises(
