@@ -23,7 +23,7 @@ FUNCTIONS = (
     "paper.report.write", "a" * 5000, "_jit.compiled", "chain.simulate.__globals__", "é.σ", "archive._atomic.atomic_file",
 )  # fmt: skip
 KEYS = (
-    "id", "function", "parameters", "inputs", "chosen", "written", "program", "version", "commit", "wall_time_s", "sha256",
+    "id", "function", "parameters", "inputs", "chosen", "written", "program", "version", "commit", "wall_time_s", "platform",
 )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ SEPARATE: dict[str, Dims] = {"mode_shape": ("coordinate", "mode", "particle")}
 #: Variables that are checked and made floats also of large Datasets.
 PLACES = ("time", "arc_length", "link_arc_length")
 #: Attributes that all functions read.
-ALWAYS_READ = ("stage", "id", "history_json", "values_sha256")
+ALWAYS_READ = ("stage", "id", "history_json")
 
 
 @dataclass(frozen=True, eq=False)

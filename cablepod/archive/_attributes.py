@@ -11,14 +11,16 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.archive._checksums import CHECKSUMS, BlockSums, as_text
-from cablepod.archive._content_hash import content_hash
 from cablepod.archive._program import program
 from cablepod.archive._read import content_types, fixed_width_texts
 from cablepod.archive._seal import SCHEMA
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
+
+    #: Contents of variables by name.
+    Contents = dict[str, provenance.VariableContent]
 
 #: Attributes of all files.
 ROOT = {
@@ -29,8 +31,6 @@ ROOT = {
     "Karhunen-Loeve decomposition",
     "license": "Freely distributed: cablepod (MIT license) sets no terms on what it computes",
 }
-#: Content hash of a Dataset without variables.
-EMPTY = content_hash(xr.Dataset())
 #: Id of a stage -> program and time of its first file in this process, so that all its files tell one time.
 _STAMPS: dict[str, dict[str, str]] = {}
 #: Default summary, with the function of the last stage.
@@ -45,13 +45,35 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     stamped = fixed_width_texts(dataset.drop_encoding())
     for name, content in content_types(stamped):
         stamped.variables[name].attrs.setdefault("coverage_content_type", content)
-    sums: dict[str, BlockSums] = {}
-    stamped.attrs = root_attributes(dataset, sums)
+    contents, sums = _read_once(dataset)
+    stamped.attrs = root_attributes(dataset, contents)
     stamped.attrs[CHECKSUMS] = as_text(stamped, sums)
     return stamped
 
 
-def with_own_id(dataset: xr.Dataset, contents: dict[str, provenance.VariableContent] | None = None) -> xr.Dataset:
+def _read_once(dataset: xr.Dataset) -> tuple[Contents, dict[str, BlockSums]]:
+    """Return what a history keeps of each variable, and the checksums of its blocks, in one pass over the values."""
+    contents, sums = {}, {}
+    for name, variable in dataset.variables.items():
+        content, blocks = provenance.VariableContent(variable), BlockSums(variable)
+        for values in _slabs(variable):
+            content.update(values)
+            blocks.update(values)
+        contents[str(name)], sums[str(name)] = content, blocks
+    return contents, sums
+
+
+def _slabs(variable: xr.Variable) -> Iterator[np.ndarray]:
+    """Yield the values in order, for a lazy variable chunk by chunk along its first dimension."""
+    if variable.chunks is None or variable.dtype.kind in "UO":
+        yield variable.values
+        return
+    stops = np.cumsum(variable.chunks[0])
+    for stop, size in zip(stops, variable.chunks[0], strict=True):
+        yield variable.isel({variable.dims[0]: slice(stop - size, stop)}).values
+
+
+def with_own_id(dataset: xr.Dataset, contents: Contents | None = None) -> xr.Dataset:
     """Return a dataset that differs from what its last stage made, in values or attributes, with a stage and id of its own.
 
     Others are returned unchanged.  `contents` are the contents of the variables, computed if None.
@@ -64,18 +86,17 @@ def with_own_id(dataset: xr.Dataset, contents: dict[str, provenance.VariableCont
     return dataset.assign_attrs(id=found.id, history_json=found.history)
 
 
-def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = None) -> dict[str, Any]:
+def root_attributes(dataset: xr.Dataset, contents: Contents) -> dict[str, Any]:
     """Return the global attributes of a file for `dataset`, with its history.
 
     Stages that were read from a file keep their date and program, others have those of their first file in this process.  A
-    dataset whose values or attributes were changed since it was read gets a stage and id of its own.  `sums` as of
-    :func:`content_hash`.
+    dataset whose values or attributes were changed since it was read gets a stage and id of its own.  `contents` are those of all
+    variables.
     """
-    contents: dict[str, provenance.VariableContent] = {}
-    digest = content_hash(dataset, sums, contents)
     dataset = with_own_id(dataset, contents)
+    content = provenance.content_of(dataset, contents)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
-    attrs["id"] = str(attrs.get("id") or digest[:20])
+    attrs["id"] = str(attrs.get("id") or content["hash"])
     stages = checked_stages(dataset) or [
         {"id": attrs["id"], "function": "archive.write", "parameters": {}, "inputs": []}
     ]
@@ -84,9 +105,8 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
     for stage in new:
         stage.update(_STAMPS.setdefault(stage["id"], {**program(), "written": now}))
     last = stage_of(stages, attrs["id"])
-    last["sha256"] = digest
-    if digest != EMPTY:
-        last["content"] = provenance.content_of(dataset, contents)
+    if dataset.variables:
+        last["content"] = content
     if "wall_time_s" in attrs:
         last["wall_time_s"] = float(attrs.pop("wall_time_s"))
     # default texts of earlier stages may be inherited from an input: replace them

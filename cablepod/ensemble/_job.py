@@ -302,7 +302,7 @@ def _batch_attributes(manifest: Mapping[str, Any], ensemble: str, number: int) -
         "id": batch_id(ensemble, number),
         "parameters": {**stage["parameters"], "ensemble": ensemble, "number": number},
     }
-    for name in ("written", "sha256", "wall_time_s"):
+    for name in ("written", "wall_time_s"):
         stage.pop(name, None)  # archive.write sets those of the batch
     return {
         "id": stage["id"],

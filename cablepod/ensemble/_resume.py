@@ -331,7 +331,7 @@ def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr
     head: dict[str, Any] = {"title": plan["title"], "id": plan["id"], "history": history}
     head["accepted_time_error"] = accepted_time_error(model_of(plan["model"]), plan["options"])
     head["history_json"] = json.dumps([*map(json.loads, stages.values()), stage], sort_keys=True)
-    attributes = root_attributes(xr.Dataset(attrs=head))
+    attributes = root_attributes(xr.Dataset(attrs=head), {})
     return {
         "kind": KIND,
         "schema": SCHEMA,

@@ -39,7 +39,7 @@ def test_any_number_of_workers_gives_the_same_bits(finished, scenes_of, tmp_path
     for number in range(3):
         one, other = (cp.archive.read(folder / f"batch_000{number}.nc") for folder in (finished, tmp_path / "it"))
         assert one.attrs["id"] == other.attrs["id"]
-        hashes = [json.loads(item.attrs["history_json"])[-1]["sha256"] for item in (one, other)]
+        hashes = [json.loads(item.attrs["history_json"])[-1]["content"]["hash"] for item in (one, other)]
         assert hashes[0] == hashes[1]
 
 
