@@ -17,10 +17,11 @@ def path_of(path: Any, *, key: str = "path", allowed: str = "a path, as text or 
     return Path(path)
 
 
-def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
+def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str = "out") -> None:
     """Create the folder for results; refuse one that is not writable or contains one of `files`, or remove these.
 
-    A study need not write all of them: what it leaves out would be the result of another scene.
+    A study need not write all of them: what it leaves out would be the result of another scene.  Messages name the argument
+    `key`.
 
     Raises
     ------
@@ -30,19 +31,23 @@ def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
-        raise ArchiveError(f"out: given {out}, which is or lies below a file; allowed: a folder") from None
+        raise ArchiveError(f"{key}: given {out}, which is or lies below a file; allowed: a folder") from None
     except OSError as error:
-        raise ArchiveError(f"out: given {out}, which cannot be created: {error.strerror}; allowed: a folder") from None
+        raise ArchiveError(
+            f"{key}: given {out}, which cannot be created: {error.strerror}; allowed: a folder"
+        ) from None
     probe = out / f".cablepod-{os.getpid()}"
     try:
         probe.touch()
-        probe.unlink()
+        probe.unlink(missing_ok=True)
     except OSError as error:
-        raise ArchiveError(f"out: given {out}, which cannot be written: {error.strerror}; allowed: a folder") from None
+        raise ArchiveError(
+            f"{key}: given {out}, which cannot be written: {error.strerror}; allowed: a folder"
+        ) from None
     existing = [name for name in files if (out / name).exists()]
     if existing and not overwrite:
         raise ArchiveError(
-            f"out: given {out}, which has {', '.join(existing)} already; "
+            f"{key}: given {out}, which has {', '.join(existing)} already; "
             "allowed: another folder, or overwrite=True to replace them"
         )
     for name in existing:
@@ -50,5 +55,5 @@ def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
             (out / name).unlink()
         except OSError as error:
             raise ArchiveError(
-                f"out: given {out}, where {name} cannot be removed: {error.strerror}; allowed: a folder"
+                f"{key}: given {out}, where {name} cannot be removed: {error.strerror}; allowed: a folder"
             ) from None

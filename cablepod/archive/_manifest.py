@@ -123,6 +123,12 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int, *, verif
         )
 
 
+def faults_text(faults: Sequence[str]) -> str:
+    """Return what is wrong with some files as one text, of at most five of them."""
+    more = f" (and {len(faults) - 5} more files)" if len(faults) > 5 else ""
+    return "; ".join(faults[:5]) + more
+
+
 def read_entry(path: Path, *, verify: bool = True) -> dict[str, Any]:
     """Read a batch file and return its entry in the manifest.
 

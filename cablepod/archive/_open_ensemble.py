@@ -20,6 +20,7 @@ from cablepod.archive._manifest import (
     FAILURE,
     SCENES,
     check_batch,
+    faults_text,
     file_of,
     missing_file,
     read_entry,
@@ -153,8 +154,7 @@ def _check_files(folder: Path, manifest: Mapping[str, Any], numbers: Sequence[in
         except ArchiveError as error:
             faults.append(str(error))
     if faults:
-        more = f" (and {len(faults) - 5} more files)" if len(faults) > 5 else ""
-        raise ArchiveError("; ".join(faults[:5]) + more)
+        raise ArchiveError(faults_text(faults))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import functools
 import json
 import time
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -95,6 +95,22 @@ def compute(
     return batch
 
 
+def compute_collecting(
+    scenes: xr.Dataset,
+    model: str,
+    modes: xr.Dataset | None,
+    options: Mapping[str, Any],
+    threads: int,
+    *,
+    stop: Callable[[], bool] = bool,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[xr.Dataset, list[Note]]:
+    """Do :func:`compute` with so many threads; return its results and warnings.  `stop` is called before each member."""
+    with collect_warnings() as notes, thread_limit(threads), stop_when(stop):
+        result = compute(scenes, model, modes, options, progress)
+    return result, notes
+
+
 def _simulate_members(
     scenes: xr.Dataset,
     simulate: Callable[..., xr.Dataset],
@@ -179,13 +195,6 @@ def unseen(folder: Path, ensemble: str, token: str) -> str:
     return ""
 
 
-def synchronous_dask() -> AbstractContextManager[Any]:
-    """Set dask's synchronous scheduler, so that xarray requests no distributed lock for writing a file."""
-    import dask
-
-    return dask.config.set(scheduler="synchronous")
-
-
 class Inputs(NamedTuple):
     """What the members of one batch need: part of the manifest, their scenes, modes of reduced models."""
 
@@ -219,7 +228,7 @@ def run_batch(
     inputs: Inputs | None = None,
     threads: int = 1,
     alone: bool = True,
-    stop: Callable[[], bool] | None = None,
+    stop: Callable[[], bool] = bool,
     progress: Callable[[float], None] | None = None,
 ) -> Done:
     """Compute a batch, and write it unless its file exists or this process does not see the folder.
@@ -257,20 +266,16 @@ def run_batch(
         return Done(None, None, [])
     manifest, members, modes = inputs_of(folder, ensemble, number) if inputs is None else inputs
     start = time.perf_counter()
-    with ExitStack() as contexts:
-        notes = contexts.enter_context(collect_warnings())
-        contexts.enter_context(thread_limit(threads))
-        contexts.enter_context(stop_when(stop) if stop is not None else nullcontext())
-        if alone:
-            contexts.enter_context(threadpool_limits(1))
-            contexts.enter_context(synchronous_dask())
-        batch = compute(members, manifest["model"], modes, manifest["options"], progress)
-        batch.attrs |= _batch_attributes(manifest, ensemble, number) | {"wall_time_s": time.perf_counter() - start}
-        if token is None:
+    with threadpool_limits(1) if alone else nullcontext():
+        batch, notes = compute_collecting(
+            members, manifest["model"], modes, manifest["options"], threads, stop=stop, progress=progress
+        )
+    batch.attrs |= _batch_attributes(manifest, ensemble, number) | {"wall_time_s": time.perf_counter() - start}
+    if token is None:
+        return Done(write_batch(folder, manifest, number, batch), None, notes)
+    if sees and not unseen(folder, ensemble, token):  # still: the run may have ended meanwhile
+        with suppress(ArchiveError):  # the client writes it, or has the same reason not to
             return Done(write_batch(folder, manifest, number, batch), None, notes)
-        if sees and not unseen(folder, ensemble, token):  # still: the run may have ended meanwhile
-            with suppress(ArchiveError):  # the client writes it, or has the same reason not to
-                return Done(write_batch(folder, manifest, number, batch), None, notes)
     return Done(None, batch, notes)
 
 

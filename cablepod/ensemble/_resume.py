@@ -19,13 +19,14 @@ from cablepod._models import model_of
 from cablepod._resources import check_sigint
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
-from cablepod.archive._folder import path_of
+from cablepod.archive._folder import path_of, prepare_folder
 from cablepod.archive._manifest import (
     KIND,
     MANIFEST,
     MODES,
     SCENES,
     check_batch,
+    faults_text,
     file_of,
     manifest_text,
     read_entry,
@@ -34,7 +35,7 @@ from cablepod.archive._manifest import (
 )
 from cablepod.archive._read import version
 from cablepod.archive._seal import SCHEMA
-from cablepod.archive._write import check_target, reason
+from cablepod.archive._write import reason
 from cablepod.batch._stack import is_varied
 from cablepod.ensemble._job import LOCK
 from cablepod.ensemble._models import accepted_time_error
@@ -120,8 +121,7 @@ class Store:
                 else:
                     faults.append(str(error))
         if faults:
-            more = f" (and {len(faults) - 5} more files)" if len(faults) > 5 else ""
-            raise ArchiveError("; ".join(faults[:5]) + f"{more}; give overwrite=True to compute them again")
+            raise ArchiveError(f"{faults_text(faults)}; give overwrite=True to compute them again")
 
 
 @contextlib.contextmanager
@@ -151,13 +151,13 @@ def open_store(
     ArchiveError
         If the folder is not writable, in use, or holds another ensemble or damaged files.
     """
-    folder = _folder(path)
+    folder = path_of(path).resolve()  # workers may have another working directory
+    prepare_folder(folder, (), overwrite=overwrite, key="path")
     with _locked(folder) as token:
         for part in folder.glob(".cablepod-*.part"):  # left by killed runs
             part.unlink(missing_ok=True)
         manifest = _existing_manifest(folder, plan, overwrite=overwrite)
-        if manifest is None or manifest["id"] == plan["id"]:
-            _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
+        _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
         store = Store(folder, manifest or _new_manifest(folder, plan, inputs), token)
         store.check(overwrite=overwrite)
         store.save()
@@ -199,19 +199,6 @@ def _varied(variable: xr.Variable) -> Any:
         return [float(np.nanmin(variable.values)), float(np.nanmax(variable.values)), variable.attrs.get("units")]
     values = variable.values.tolist()
     return {"choices": [value for k, value in enumerate(values) if value not in values[:k]][:MAX_CHOICES]}
-
-
-def _folder(path: str | os.PathLike[str]) -> Path:
-    """Create the folder if missing, and check that it is writable."""
-    folder = path_of(path).resolve()  # workers may have another working directory
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ArchiveError(f"{path}: is or lies below a file; give a folder") from None
-    except OSError as error:
-        raise ArchiveError(f"{path}: the folder cannot be created: {error.strerror}; give another one") from None
-    check_target(folder / "any.nc", overwrite=False)
-    return folder
 
 
 @contextlib.contextmanager
@@ -306,7 +293,8 @@ def _write_inputs(folder: Path, inputs: Mapping[str, xr.Dataset], *, overwrite: 
     for name, dataset in inputs.items():
         path = folder / name
         if path.exists() and not overwrite:
-            if archive.read(path).attrs["id"] != dataset.attrs.get("id", archive.read(path).attrs["id"]):
+            there = archive.read(path).attrs["id"]
+            if dataset.attrs.get("id", there) != there:
                 raise ArchiveError(f"{path}: is of another ensemble; take it from a backup, or overwrite=True")
             continue
         archive.write(dataset, path, overwrite=True)

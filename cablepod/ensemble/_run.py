@@ -12,7 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future
-from contextlib import closing, nullcontext, suppress
+from contextlib import closing, suppress
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,10 @@ from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, sizes_of, time_errors
 from cablepod.archive._open_ensemble import open_ensemble
-from cablepod.batch._members import stop_when, thread_limit
 from cablepod.ensemble import _resume as resume
 from cablepod.ensemble._cluster import Again
-from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_of_all_members, emit_warnings
-from cablepod.ensemble._job import Done, compute, inputs_of, run_batch, synchronous_dask, write_batch
+from cablepod.ensemble._collect_warnings import Note, emit_of_all_members, emit_warnings
+from cablepod.ensemble._job import Done, compute_collecting, inputs_of, run_batch, write_batch
 from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, warn
@@ -187,7 +186,7 @@ def _batches(
 ) -> Iterator[xr.Dataset]:
     """Yield the results of a prepared ensemble, batch by batch."""
     scenes, modes, size = inputs[SCENES], inputs.get(MODES), plan["batch"]
-    sizes = sizes_of(plan)
+    sizes, hashed = sizes_of(plan), [provenance.input_of(dataset) for dataset in inputs.values()]
     total = Progress(progress, sizes, ())
     stop = threading.Event()
     with worker_pool(scheduler, workers, len(sizes)) as pool:
@@ -195,7 +194,7 @@ def _batches(
         def submit(number: int) -> Future[Any]:
             """Submit a batch."""
             members = scenes.isel(member=slice(number * size, (number + 1) * size))
-            job = functools.partial(_compute_in_worker, members, plan["model"], modes, plan["options"], pool.threads)
+            job = functools.partial(compute_collecting, members, plan["model"], modes, plan["options"], pool.threads)
             if pool.here:
                 job = functools.partial(job, stop=stop.is_set, progress=total.of_batch(number))
             return pool.submit(job)
@@ -212,29 +211,11 @@ def _batches(
                 failures |= _failures_in(result)
                 total.update(number, 1.0)
                 record = {name: plan[name] for name in ("model", "options", "batch")} | {"number": number}
-                yield provenance.record(
-                    result, function="ensemble.batches", parameters=record, inputs=list(inputs.values())
-                )
+                yield provenance.record(result, function="ensemble.batches", parameters=record, inputs=hashed)
         finally:
             stop.set()
     emit_warnings(notes, plan["members"], errors, accepted)
     _warn_of_failures(failures, plan["members"])
-
-
-def _compute_in_worker(
-    scenes: xr.Dataset,
-    model: str,
-    modes: xr.Dataset | None,
-    options: dict[str, Any],
-    threads: int,
-    *,
-    stop: Callable[[], bool] = bool,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[xr.Dataset, list[Note]]:
-    """Compute a batch in a worker; return its results and warnings."""
-    with collect_warnings() as notes, thread_limit(threads), stop_when(stop):
-        result = compute(scenes, model, modes, options, progress)
-    return result, notes
 
 
 # --- before anything runs -----------------------------------------------------------------------------------------------
@@ -338,10 +319,9 @@ def _run_batches(
         if done.batch is None:
             sends = True
             return Again
-        with synchronous_dask():
-            return write_batch(folder, store.manifest, number, done.batch), done.notes
+        return write_batch(folder, store.manifest, number, done.batch), done.notes
 
-    with threadpool_limits(1), synchronous_dask() if pool.here else nullcontext():
+    with threadpool_limits(1):
         try:
             yield from JobQueue(pool, submit, missing, limit=lambda slots: 2 * slots, settle=settle).results()
         finally:  # threads stop after their current member

@@ -246,7 +246,7 @@ def test_files_of_somebody_else_are_left_alone(soft, tmp_path):
     cp.ensemble.run(scenes, folder, step=1e-3, overwrite=True)
     assert (folder / "notes.txt").read_text() == "mine"
     for path in (folder / "notes.txt", folder / "notes.txt" / "below"):
-        with pytest.raises(cp.ArchiveError, match="is or lies below a file; give a folder"):
+        with pytest.raises(cp.ArchiveError, match=r"^path: given .*, which is or lies below a file; allowed: a folder"):
             cp.ensemble.run(scenes, path, step=1e-3)
 
 
