@@ -15,7 +15,5 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status: 0, or not 0 with one line on stderr."""
     from cablepod.cli._commands import commands  # imports the package; :mod:`cablepod.cli._process` is ready before
-    from cablepod.cli._dask import ask_loaded_only
 
-    ask_loaded_only()
     return commands.status(None if arguments is None else list(arguments))

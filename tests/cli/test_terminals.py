@@ -56,28 +56,21 @@ def test_a_study_in_memory_draws_nothing_and_an_unknown_backend_is_refused_befor
 
 
 COMMANDS = """
-import os, sys
+import os
 from cablepod.cli import main
 
 assert main(["check", "soft.toml"]) == 0
-print("dask.array" in sys.modules)
-import xarray as xr
-from xarray.namedarray.pycompat import array_type, mod_version
-data = xr.Dataset({"a": ("x", [1.0, 2.0, 3.0])}).chunk(x=2)
-print(data.chunks["x"], isinstance(data["a"].data, array_type("dask")), mod_version("dask").major >= 2024, float(data["a"].sum()))
 assert main(["stringing", "soft.toml", "--temperatures", "0", "20", "2", "--out", "out"]) == 0
 print(os.environ["MPLBACKEND"])
 """
 
 
-def test_commands_import_dask_at_its_first_use_and_need_no_backend(tmp_path):
+def test_commands_need_no_backend(tmp_path):
     (tmp_path / "soft.toml").write_text(SOFT_TOML.replace("[ends]", "thermal_expansion = 1.2e-5\n[ends]"))
     environment_of_child = {**environment(), "MPLBACKEND": "nonsense"}
     done = run_python("-c", COMMANDS, cwd=tmp_path, env=environment_of_child, timeout=120.0)
     assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    assert lines[lines.index("False") + 1] == "(2, 1) True True 6.0"  # xarray knows dask then
-    assert lines[-1] == "nonsense"
+    assert done.stdout.splitlines()[-1] == "nonsense"
     assert list((tmp_path / "out").glob("*.png"))
 
 
