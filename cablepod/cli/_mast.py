@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, finite, part_of_run
 from cablepod.conventions import ENDINGS_OF_AIR, digits, direction, note_lines, printed, printed_unit
 from cablepod.plots._mast import modes_of_mast
-from cablepod.study._mast import FIGURES
+from cablepod.study._figures import MAST_FIGURES
 
 #: Number of frequencies that are printed.
 FREQUENCIES = 6
@@ -153,7 +153,7 @@ def text(study: xr.DataTree, folder: Path) -> str:
         if "breaks" in row:
             line += f"  breaks at {row['breaks']:g} s"
         lines.append(line)
-    return "\n".join([*lines, "", files_text(folder, FIGURES)])
+    return "\n".join([*lines, "", files_text(folder, MAST_FIGURES)])
 
 
 def _reactions(found: dict[str, Any]) -> list[str]:

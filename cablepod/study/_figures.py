@@ -14,8 +14,9 @@ import xarray as xr
 from cablepod.archive._figure import write_figure
 from cablepod.errors import scene_error
 
-#: Names of the figures, in the order in which they are written.
+#: Names of the figures of a cable, in the order in which they are written, and of a mast.
 FIGURES = ("tension", "tension_map", "deflection", "error_over_time", "modes", "singular_values", "shapes")
+MAST_FIGURES = ("tensions", "moments", "modes")
 #: Fractions of the duration at which shapes are drawn (without a common period, so that a periodic motion shows its phases).
 DRAWN_AT = (0.0, 0.12, 0.37, 0.58, 0.83)
 #: Displacements over the chord below which they are magnified in the figure of the shapes.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,21 +10,19 @@ from typing import Any
 
 import xarray as xr
 
-from cablepod import archive, mast
-from cablepod.archive._folder import prepare_folder
+from cablepod import mast
 from cablepod.conventions import label
 from cablepod.integrate._window import window_attributes
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
 from cablepod.mast._piecewise_guys import kind_in_studies
 from cablepod.mast._runs import check_run
 from cablepod.parameters._mast import MastParameters, mast_parameters
-from cablepod.study._figures import check_backend, write_drawings
+from cablepod.study._figures import write_drawings
 from cablepod.study._models import recorded
+from cablepod.study._stages import Stages, prepared_folder
 from cablepod.study._tension import start_of_statistics
 from cablepod.study._timing import timed
 
-#: Stages, which are the names of the files, and figures.
-STAGES, FIGURES = ("scene", "rest", "frequencies", "motion", "guys"), ("tensions", "moments", "modes")
 #: Number of frequencies.
 FREQUENCIES = 20
 OUTPUTS = ("displacement", "guy_tension", "bending_moment", "extremes", "envelopes", "error_estimate")
@@ -31,7 +30,7 @@ OUTPUTS = ("displacement", "guy_tension", "bending_moment", "extremes", "envelop
 
 def run_mast(
     scene: xr.Dataset,
-    out: Path | None,
+    out: str | os.PathLike[str] | None,
     *,
     overwrite: bool,
     progress: Callable[[str, float], None] | None,
@@ -53,43 +52,21 @@ def run_mast(
     if window is not None:
         options["window"] = window
     check_run(scene, **options)
-    if out is not None:
-        check_backend()
-        files = [*(f"{name}.nc" for name in STAGES), *(f"{name}.png" for name in FIGURES)]
-        prepare_folder(out, files, overwrite=overwrite)
-    results: dict[str, xr.Dataset] = {}
-
-    def add(name: str, result: xr.Dataset) -> xr.Dataset:
-        if out is not None:
-            archive.write(result, out / f"{name}.nc", overwrite=True)
-        results[name] = result
-        if report is not None:
-            report(name, result)
-        return result
-
-    def at(share: float) -> None:
-        if progress is not None:
-            progress("mast", share)
-
-    at(0.0)
-    add("scene", scene)
-    add("rest", mast.rest(scene))
+    stages = Stages(prepared_folder(out, overwrite=overwrite), progress, report)
+    if progress is not None:
+        progress("mast", 0.0)
+    stages.add("scene", scene)
+    rest = stages.add("rest", mast.rest(scene))
     count = min(FREQUENCIES, 2 * int(scene["mast_elements"]))
-    add("frequencies", mast.frequencies(scene, count=count))
-    at(0.2)
-    say = None if progress is None else partial(progress, "mast: compiling, once", 0.2)
-    call = partial(mast.simulate, scene, **options)
+    stages.add("frequencies", mast.frequencies(scene, count=count))
     # a storm takes long: it is not run again for its run time, of which compilation is left out
-    motion, seconds = timed(call, progress=lambda share: at(0.2 + 0.7 * share), say=say, longest_repeated=0.0)
-    motion.attrs["wall_time_s"] = seconds["call_time"]
-    add("motion", motion)
+    measure = partial(timed, longest_repeated=0.0)
+    motion, _ = stages.simulate("motion", "mast", measure, partial(mast.simulate, scene, **options))
     if p.guys:
-        add("guys", guy_table(motion, results["rest"], window))
-    if out is not None:
-        _write_figures(out, results)
-    at(1.0)
-    root = xr.Dataset(attrs={"title": scene.attrs["title"], "left_out": [], "compile_time_s": seconds["compile_time"]})
-    return xr.DataTree.from_dict({"/": root, **results}, name="study")
+        stages.add("guys", guy_table(motion, rest, window))
+    if stages.folder is not None:
+        _write_figures(stages.folder, stages.results)
+    return stages.tree()
 
 
 def _after_ramps(p: MastParameters) -> tuple[float, float] | None:

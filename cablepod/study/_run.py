@@ -5,18 +5,14 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, catenary, chain, compare, pod
+from cablepod import catenary, chain, compare, pod
 from cablepod._inputs import taken
 from cablepod._models import REDUCED, Model, model_of
-from cablepod.archive._folder import prepare_folder
 from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
 from cablepod.errors import RunStopped, SceneError, scene_error, warn
@@ -24,9 +20,9 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._warnings import warn_once
-from cablepod.study._figures import FIGURES, check_backend, write_figures
+from cablepod.study._figures import write_figures
 from cablepod.study._models import chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
-from cablepod.study._notes import OnceEach
+from cablepod.study._stages import Stages, prepared_folder
 from cablepod.study._tension import tension_in_wind
 from cablepod.study._timing import timed
 
@@ -41,11 +37,6 @@ TRUTH_REPEATED = 0.2
 OUTPUTS = ("position", "tension", "tension_extremes", "tension_peaks", "error_estimate")
 #: Maximum number of modes that are computed.
 MAX_MODES = 20
-#: Stages beside the reduced models.
-STAGES = (
-    "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "tension", "modes", "normal_modes", "comparison",
-    "chains",
-)  # fmt: skip
 
 
 @warn_once
@@ -107,8 +98,8 @@ def run(
     ArchiveError
         Before anything runs, for a folder that cannot be made or written, or that holds results; later for a full disk.
     RunStopped
-        If the run of the chain diverges.  What it computed is in ``partial``, and where `out` is given in
-        ``chain_incomplete.nc``.
+        If the run of the chain, or of a mast, diverges.  What it computed is in ``partial``, and where `out` is given in
+        ``chain_incomplete.nc``, or ``motion_incomplete.nc``.
 
     Warns
     -----
@@ -130,25 +121,15 @@ def run(
     if "mast_height" in scene:
         from cablepod.study._mast import run_mast  # costly to import, not needed for a cable
 
-        return run_mast(
-            scene, None if out is None else Path(out), overwrite=overwrite, progress=progress, report=report
-        )
+        return run_mast(scene, out, overwrite=overwrite, progress=progress, report=report)
     p = parameters(scene)
     refuse_own(p, "chain.simulate, pod.decompose")
     snapshots_at = p.times()  # refuses a scene without [time]
     available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)
     ranks = _checked_ranks(ranks, available)
     chosen = _checked_models(models)
-    folder = None
-    if out is not None:
-        check_backend()
-        folder = Path(out)
-        names = (*STAGES, "chain_incomplete", *(f"{name}_r{r}" for name in chosen for r in ranks))
-        others = [path.name for name in chosen for path in folder.glob(f"{name}_r*.nc")]  # of other ranks
-        files = [*(f"{name}.nc" for name in names), *(f"{name}.png" for name in FIGURES), *others]
-        prepare_folder(folder, list(dict.fromkeys(files)), overwrite=overwrite)
-
-    stages = _Stages(folder, progress, report)
+    folder = prepared_folder(out, chosen, overwrite=overwrite)
+    stages = Stages(folder, progress, report)
     stages.add("scene", scene)
     numbers = stages.add("summary", summary(scene))
     stages.add("catenary", catenary.rest(scene))
@@ -162,7 +143,7 @@ def run(
     if p.wind is not None:
         stages.add("tension", tension_in_wind(scene, reference, numbers, progress))
     snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
-    modes = stages.modes(snapshots, available, [name for name, model in chosen.items() if model.layout == "normal"])
+    modes = _modes(stages, snapshots, available, [name for name, model in chosen.items() if model.layout == "normal"])
     ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
     rows: dict[tuple[str, int], xr.Dataset] = {}
     for name, model in chosen.items():
@@ -190,77 +171,14 @@ def run(
     return stages.tree()
 
 
-@dataclass(frozen=True)
-class _Stages:
-    """Results of the stages by name; each is written and reported as soon as it is added."""
-
-    folder: Path | None
-    progress: Callable[[str, float], None] | None
-    report: Callable[[str, xr.Dataset], None] | None
-    results: dict[str, xr.Dataset] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
-    compile_times: list[float] = field(default_factory=list)
-    notes: OnceEach = field(default_factory=OnceEach)
-
-    def add(self, name: str, result: xr.Dataset) -> xr.Dataset:
-        """Store, write and report the result of a stage."""
-        if self.folder is not None:
-            archive.write(result, self.folder / f"{name}.nc", overwrite=True)
-        self.results[name] = result
-        if self.report is not None:
-            self.report(name, result)
-        return result
-
-    def simulate(
-        self, name: str, label: str, measure: Any, call: Callable[..., xr.Dataset]
-    ) -> tuple[xr.Dataset, dict[str, float]]:
-        """Add the result of a call with its run times, or the partial result of a stopped run.
-
-        Parameters
-        ----------
-        name, label
-            Of the stage, and of its progress.
-        measure
-            :func:`cablepod.study._timing.timed` or :func:`cablepod.study._models.timed_twice`.
-        call
-            Call of a model, which takes the keyword `progress`.
-        """
-        progress = say = None
-        if self.progress is not None:
-            progress = partial(self.progress, label)
-            say = partial(self.progress, f"{label}: compiling, once", 0.0)
-            progress(0.0)
-        try:
-            with self.notes.collected():
-                result, row = measure(call, progress=progress, say=say)
-        except RunStopped as error:
-            if error.partial is not None:
-                self.add(f"{name}_incomplete", error.partial)
-            raise
-        result.attrs["wall_time_s"] = row["call_time"]
-        self.compile_times.append(row["compile_time"])
-        return self.add(name, result), row
-
-    def modes(self, snapshots: xr.Dataset, rank: int, normal: list[str]) -> dict[str, xr.Dataset]:
-        """Add the modes of each layout; models that need `normal` ones are left out without a chord, which these need."""
-        modes = {"separate": self.add("modes", pod.decompose(snapshots, rank=rank))}
-        try:
-            modes["normal"] = self.add("normal_modes", pod.decompose(snapshots, rank=rank, layout="normal"))
-        except SceneError as error:
-            self.left_out.extend(f"{name}: {error}" for name in normal)
-        return modes
-
-    def tree(self) -> xr.DataTree:
-        """Return a tree with a node for each stage."""
-        root = xr.Dataset(
-            attrs={
-                "title": self.results["scene"].attrs["title"],
-                "left_out": self.left_out,
-                "compile_time_s": sum(self.compile_times),
-                "notes_left_out": self.notes.left_out,
-            }
-        )
-        return xr.DataTree.from_dict({"/": root, **self.results}, name="study")
+def _modes(stages: Stages, snapshots: xr.Dataset, rank: int, normal: list[str]) -> dict[str, xr.Dataset]:
+    """Add the modes of each layout; models that need `normal` ones are left out without a chord, which these need."""
+    modes = {"separate": stages.add("modes", pod.decompose(snapshots, rank=rank))}
+    try:
+        modes["normal"] = stages.add("normal_modes", pod.decompose(snapshots, rank=rank, layout="normal"))
+    except SceneError as error:
+        stages.left_out.extend(f"{name}: {error}" for name in normal)
+    return modes
 
 
 def _checked_ranks(ranks: Iterable[int], available: int) -> list[int]:

@@ -36,6 +36,18 @@ def test_a_study_has_the_numbers_of_its_parts(tmp_path):
         cp.study.run(scene, tmp_path / "out")
 
 
+def test_a_run_that_stops_keeps_its_partial_result(tmp_path):
+    def huge(mapping):
+        mapping["mast"]["load"][0]["force"] = [1e9, 0.0, 0.0]
+
+    with pytest.raises(cp.RunStopped) as stopped:
+        cp.study.run(small(huge), tmp_path)
+    kept = cp.archive.read(tmp_path / "motion_incomplete.nc")
+    assert "stopped at" in kept.attrs["incomplete"]
+    np.testing.assert_array_equal(kept.displacement, stopped.value.partial.displacement)
+    assert {path.stem for path in tmp_path.iterdir()} == {"scene", "rest", "frequencies", "motion_incomplete"}
+
+
 def test_a_turned_mast_has_the_same_numbers(tmp_path, capsys):
     def answers(angle):
         along = [float(np.cos(angle)), 0.0, float(np.sin(angle))]

@@ -1,0 +1,118 @@
+"""Stages of a study: their results, written and reported as soon as they are there, and the files of a folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from cablepod import archive
+from cablepod._models import REDUCED
+from cablepod.archive._folder import prepare_folder
+from cablepod.errors import RunStopped
+from cablepod.study._figures import FIGURES, MAST_FIGURES, check_backend
+from cablepod.study._notes import OnceEach
+
+#: Stages of a cable beside the reduced models, and of a mast.
+STAGES = (
+    "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "tension", "modes", "normal_modes", "comparison",
+    "chains",
+)  # fmt: skip
+MAST_STAGES = ("scene", "rest", "frequencies", "motion", "guys")
+#: Runs of which a part is written where they stop.
+MAY_STOP = ("chain", "motion")
+
+
+def prepared_folder(out: str | os.PathLike[str] | None, models: Iterable[str] = (), *, overwrite: bool) -> Path | None:
+    """Return the folder of a study, without files of another one of any scene; None without.
+
+    Parameters
+    ----------
+    out, overwrite
+        As of :func:`cablepod.study.run`.
+    models
+        Names of the reduced models.
+
+    Raises
+    ------
+    ArchiveError
+        If it cannot be made or written, or holds files of a study and `overwrite` is false.
+    """
+    if out is None:
+        return None
+    check_backend()
+    folder = Path(out)
+    stages = [*STAGES, *MAST_STAGES, *(f"{name}_incomplete" for name in MAY_STOP)]
+    of_models = [path.name for name in (*REDUCED, *models) for path in folder.glob(f"{name}_r*.nc")]
+    files = [*(f"{name}.nc" for name in stages), *(f"{name}.png" for name in (*FIGURES, *MAST_FIGURES)), *of_models]
+    prepare_folder(folder, list(dict.fromkeys(files)), overwrite=overwrite)
+    return folder
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Results of the stages by name; each is written and reported as soon as it is added."""
+
+    folder: Path | None
+    progress: Callable[[str, float], None] | None
+    report: Callable[[str, xr.Dataset], None] | None
+    results: dict[str, xr.Dataset] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    compile_times: list[float] = field(default_factory=list)
+    notes: OnceEach = field(default_factory=OnceEach)
+
+    def add(self, name: str, result: xr.Dataset) -> xr.Dataset:
+        """Store, write and report the result of a stage."""
+        if self.folder is not None:
+            archive.write(result, self.folder / f"{name}.nc", overwrite=True)
+        self.results[name] = result
+        if self.report is not None:
+            self.report(name, result)
+        return result
+
+    def simulate(
+        self, name: str, label: str, measure: Any, call: Callable[..., xr.Dataset]
+    ) -> tuple[xr.Dataset, dict[str, float]]:
+        """Add the result of a call with its run times, or the partial result of a stopped run.
+
+        Parameters
+        ----------
+        name, label
+            Of the stage, and of its progress.
+        measure
+            :func:`cablepod.study._timing.timed` or :func:`cablepod.study._models.timed_twice`.
+        call
+            Call of a model, which takes the keyword `progress`.
+        """
+        progress = say = None
+        if self.progress is not None:
+            progress = partial(self.progress, label)
+            say = partial(self.progress, f"{label}: compiling, once", 0.0)
+            progress(0.0)
+        try:
+            with self.notes.collected():
+                result, row = measure(call, progress=progress, say=say)
+        except RunStopped as error:
+            if error.partial is not None:
+                self.add(f"{name}_incomplete", error.partial)
+            raise
+        result.attrs["wall_time_s"] = row["call_time"]
+        self.compile_times.append(row["compile_time"])
+        return self.add(name, result), row
+
+    def tree(self) -> xr.DataTree:
+        """Return a tree with a node for each stage."""
+        root = xr.Dataset(
+            attrs={
+                "title": self.results["scene"].attrs["title"],
+                "left_out": self.left_out,
+                "compile_time_s": sum(self.compile_times),
+                "notes_left_out": self.notes.left_out,
+            }
+        )
+        return xr.DataTree.from_dict({"/": root, **self.results}, name="study")
