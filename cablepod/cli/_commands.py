@@ -93,14 +93,10 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, page: st
 def paper_command(out: str, small: bool, overwrite: bool) -> None:
     """Write the report on the paper, print its summary."""
     _group.import_matplotlib()
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from cablepod.paper import report, sections
 
     folder = _arguments.folder(out)
-    with _arguments.as_options():
-        prepare_folder(folder, report.FILES, overwrite=overwrite)
+    prepare_folder(folder, report.FILES, overwrite=overwrite, key="--out")
     with telling_of_compilation(), Bars() as bars:
         size = sections.SMALL if small else sections.FULL
         _, rows = report.write(folder, size=size, progress=partial(bars, "the paper"))

@@ -37,7 +37,7 @@ def simulate(
     from cablepod import ensemble  # slow to import
     from cablepod.ensemble._models import check_scene_of_model
 
-    _group.import_matplotlib(agg=True)
+    _group.import_matplotlib()
     folder = _arguments.folder(out)
     dataset = read_scene(scene_path(scene))
     if "ensemble_json" not in dataset.attrs:

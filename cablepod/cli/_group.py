@@ -74,17 +74,13 @@ class Group(click.Group):
             return interrupted(None)
 
 
-def import_matplotlib(*, agg: bool = False) -> None:
-    """Import matplotlib without the backend of the environment: commands draw into files, and it may not exist here.
-
-    `agg` sets the backend that draws into files.
-    """
+def import_matplotlib() -> None:
+    """Import matplotlib with the backend that draws into files; that of the environment may not exist here."""
     given = os.environ.pop("MPLBACKEND", None)
     try:
         import matplotlib as mpl
 
-        if agg:
-            mpl.use("Agg")
+        mpl.use("Agg")
     finally:
         if given is not None:
             os.environ["MPLBACKEND"] = given

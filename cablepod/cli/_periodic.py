@@ -110,8 +110,7 @@ def _prepared(
     dataset = _without_ramps(scene_path(scene))
     periodic_forcing(parameters(dataset))  # refuses other forcing
     chosen = archive.read(modes, verify=verify) if modes else condensed.vibration_modes(dataset, rank=rank)
-    with _arguments.as_options():
-        prepare_folder(folder, files, overwrite=overwrite)
+    prepare_folder(folder, files, overwrite=overwrite, key="--out")
     return folder, dataset, chosen
 
 
@@ -156,12 +155,9 @@ def _write(
     overwrite: bool,
 ) -> None:  # fmt: skip
     """Write Datasets and figures of the first one into the files, print a table and what was written."""
-    import matplotlib as mpl
-
     count = len(datasets)
     for name, dataset in zip(files[:count], datasets, strict=True):
         archive.write(dataset, folder / name, overwrite=overwrite)
-    mpl.use("Agg")
     for name, draw in zip(files[count:], drawings, strict=True):
         write_figure(draw(datasets[0]).figure, folder / name, title=str(datasets[0].attrs["title"]))
     say(table)

@@ -46,8 +46,7 @@ def stringing(
     target, folder = _page.checked(page), None
     if out is not None:
         folder = _arguments.folder(out)
-        with _arguments.as_options():
-            prepare_folder(folder, (TABLE, *FIGURES), overwrite=overwrite)
+        prepare_folder(folder, (TABLE, *FIGURES), overwrite=overwrite, key="--out")
     from cablepod import catenary  # its imports take a second
 
     with _page.heard() as notes:
@@ -64,9 +63,6 @@ def stringing(
 def _write(table: xr.Dataset, folder: Path, *, overwrite: bool) -> None:
     """Write a table and its figures into a folder, and say so."""
     archive.write(table, folder / TABLE, overwrite=overwrite)
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     from cablepod import plots
 
     for name, variable in zip(FIGURES, ("tension_upper", "sag"), strict=True):

@@ -73,6 +73,19 @@ def misfit(values: np.ndarray, printed: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.log(values / printed) ** 2, axis=(-2, -1)))
 
 
+def printed_values() -> np.ndarray:
+    """Return the singular values of Table 2 (coordinate, row) [m]."""
+    rows = table("table2")
+    return np.stack([rows[f"singular_value_{axis}_m"] for axis in "xy"])
+
+
+def printed_of(example: int) -> np.ndarray:
+    """Return what the text prints of 20 singular values (coordinate,): of Example 2 the sum [m], of 3 the share of five [%]."""
+    rows = table("energy_shares")
+    row = int(np.flatnonzero(rows["example"] == example)[0])
+    return np.array([rows[name][row] for name in ("horizontal", "vertical")])
+
+
 def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dataset:
     """Compute Table 2 from several initial shapes, with the printed values.
 
@@ -91,8 +104,7 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
         ``table2_sum (start, coordinate)`` [m], ``table2_misfit (start)`` over all rows and ``table2_misfit_3`` over the first
         three, and the print.
     """
-    rows = table("table2")
-    printed = np.stack([rows[f"singular_value_{axis}_m"] for axis in "xy"])
+    rows, printed = table("table2"), printed_values()
     printed_share = np.stack([rows[f"cumulative_share_{axis}_percent"] for axis in "xy"]) / 100.0
     count = printed.shape[1]
     studies = map_threads(study, starts, workers)
@@ -154,9 +166,6 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
         ``example3_share_equilibrium (coordinate)``, ``example3_share_swapped (example3_step, coordinate)``, nan for stopped
         runs, and the printed shares.
     """
-    printed = table("energy_shares")
-    row = int(np.flatnonzero(printed["example"] == 3)[0])
-
     swapped = scene("example3_swapped_rows")
 
     def of_step(step: float) -> np.ndarray:
@@ -173,7 +182,7 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
                 "1", "share of five in the sum of 20 singular values, from equilibrium"),
             "example3_share_swapped": (("example3_step", "coordinate"), shares,
                 "1", "the same from the shape of 3750 N with the length of 7500 N"),
-            "example3_share_printed": ("coordinate", [printed[name][row] / 100.0 for name in ("horizontal", "vertical")],
+            "example3_share_printed": ("coordinate", printed_of(3) / 100.0,
                 "1", "share as printed"),
         },
         {

@@ -12,7 +12,7 @@ from cablepod import chain, pod
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene, table
 from cablepod.paper.datasets import described
-from cablepod.paper.examples import SUMMED, misfit, share_of_five
+from cablepod.paper.examples import SUMMED, misfit, printed_values, share_of_five
 from cablepod.paper.table1 import inextensible
 
 #: Time step of the runs [s] (half of it changes the ten values by at most 3e-4 as long as no link slackens).
@@ -20,19 +20,6 @@ STEP = 2.5e-4
 #: Initial sags of Example 3 over that of equilibrium, and time steps [s] (links slacken, results depend on the step).
 EXAMPLE_3_SAGS = (0.55, 0.6, 0.62, 0.64, 0.66)
 EXAMPLE_3_STEPS = (1.6e-4, 1.25e-4)
-
-
-def printed() -> np.ndarray:
-    """Return the singular values of Table 2 (coordinate, row) [m]."""
-    rows = table("table2")
-    return np.stack([rows[f"singular_value_{axis}_m"] for axis in "xy"])
-
-
-def printed_sums() -> np.ndarray:
-    """Return the printed sums of 20 singular values of Example 2 (coordinate,) [m]."""
-    rows = table("energy_shares")
-    row = int(np.flatnonzero(rows["example"] == 2)[0])
-    return np.array([rows[name][row] for name in ("horizontal", "vertical")])
 
 
 def with_start(base: xr.Dataset, start: Mapping[str, Any]) -> xr.Dataset:
@@ -75,7 +62,7 @@ def tried(*, progress: Callable[[float], None] | None = None) -> xr.Dataset:
         ``tried_sag (tried)``, ``tried_misfit (tried)``, ``tried_misfit_3 (tried)``; nan for initial shapes from which the run
         stops because links slacken.
     """
-    target, rows, base = printed(), table("starts"), scene("example2")
+    target, rows, base = printed_values(), table("starts"), scene("example2")
     names = [str(name) for name in rows["name"]]
     values, sags = np.full((len(names), 2, SUMMED), np.nan), np.empty(len(names))
     for i in range(len(names)):

@@ -154,7 +154,7 @@ def _rows_of_table_2(table: xr.Dataset) -> str:
         return [f"{value:.4g}" for value in values]
 
     rows: list[Sequence[Any]] = []
-    for axis, total in zip(("x", "y"), initial_shape.printed_sums(), strict=True):
+    for axis, total in zip(("x", "y"), examples.printed_of(2), strict=True):
         printed = table["table2_singular_value_printed"].sel(coordinate=axis).values
         rows.append((f"**print, {axis}**", *(f"**{value:g}**" for value in printed), f"**{total:g}**", ""))
         for name in table["start"].values:
@@ -176,7 +176,7 @@ def which_start(size: Size, progress: Progress) -> Section:
     """Make the section on initial shapes that explain Table 2 and the shares of Example 3."""
     tried = initial_shape.tried(progress=lambda fraction: progress(0.6 * fraction))
     example3 = initial_shape.example3(sags=size.sags)
-    target, sums = initial_shape.printed(), initial_shape.printed_sums()
+    target, sums = examples.printed_values(), examples.printed_of(2)
     rows: list[Sequence[Any]] = [
         ("**print**", "", *(f"**{value:g}**" for value in target[0]), f"**{sums[0]:g}**", "", "")
     ]

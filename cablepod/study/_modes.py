@@ -8,7 +8,7 @@ import xarray as xr
 
 from cablepod import chain, pod
 from cablepod.condensed import vibration_modes
-from cablepod.errors import scene_error
+from cablepod.errors import one_of, scene_error
 
 #: Layouts of modes that :func:`make_modes` makes.
 LAYOUTS = ("normal", "separate", "vector", "vibration")
@@ -36,7 +36,7 @@ def make_modes(
         Callback of the chain, receiving the completed fraction, 0 to 1.
     """
     if layout not in LAYOUTS:
-        raise scene_error("layout", layout, "one of " + ", ".join(f'"{name}"' for name in LAYOUTS))
+        raise scene_error("layout", layout, one_of(LAYOUTS, layout))
     if layout == "vibration":
         return vibration_modes(scene, rank=rank)
     run = chain.simulate(scene, tolerance=TOLERANCE, outputs=("position",), progress=progress)
