@@ -72,13 +72,13 @@ def _description(dataset: xr.Dataset) -> Iterator[str]:
             units = f" [{variable.attrs['units']}]" if "units" in variable.attrs else ""  # texts have none
             yield f"  {name} {shape}{units}  {variable.attrs.get('long_name', '')}".rstrip()
     yield "history"
-    yield from (_stage_line(stage) for stage in stages)
+    yield from (f"  {stage_line(stage)}" for stage in stages)
 
 
-def _stage_line(stage: Mapping[str, Any]) -> str:
+def stage_line(stage: Mapping[str, Any]) -> str:
     """Return the line of a stage: id, call, inputs, program, run time."""
     inputs = f" from {', '.join(stage['inputs'])}" if stage.get("inputs") else ""
     commit = f" ({stage['commit'][:12]})" if "commit" in stage else ""
     seconds = f", {stage['wall_time_s']:.3g} s" if "wall_time_s" in stage else ""
     written = f"; {stage['program']} {stage['version']}{commit}, {stage['written']}" if "written" in stage else ""
-    return f"  {stage['id']} {call_text(stage)}{inputs}{written}{seconds}"
+    return f"{stage['id']} {call_text(stage)}{inputs}{written}{seconds}"

@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._models import MODELS
 from cablepod.archive._attributes import checked_stages
+from cablepod.archive._describe import stage_line
 from cablepod.errors import printable
 
 #: Function -> variable name in the script; by default a part of the function's name.
@@ -80,7 +81,7 @@ def script(dataset: xr.Dataset) -> str:
         return "# no history: nothing says where this comes from\n"
     names = _names(stages)
     lines = [_comment(dataset.attrs.get("title", stages[-1]["function"])), "#"]
-    lines += map(_comment, _stage_lines(stages))
+    lines += [_comment(stage_line(stage)) for stage in stages]
     lines += ["", "import cablepod as cp", "import cablepod.lineage", ""]
     for stage in stages:
         lines += _statements(stage, names)
@@ -100,14 +101,6 @@ def _names(stages: list[dict[str, Any]]) -> dict[str, str]:
         count = sum(name.rstrip("_0123456789") == base for name in names.values())
         names[stage["id"]] = base if not count else f"{base}_{count + 1}"
     return names
-
-
-def _stage_lines(stages: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each stage: id, function, inputs, date and program."""
-    for stage in stages:
-        written = f"  {stage['written']}, {stage['program']} {stage['version']}" if "written" in stage else ""
-        inputs = f" from {', '.join(stage['inputs'])}" if stage["inputs"] else ""
-        yield f"{stage['id']} {stage['function']}{inputs}{written}"
 
 
 def _comment(text: Any) -> str:

@@ -174,18 +174,15 @@ def plan_of(
     taken = [provenance.input_of(dataset) for dataset in (scenes, modes) if dataset is not None]
     given = {"model": model, "members": scenes.sizes["member"], "batch": batch, "options": dict(options)}
     head = provenance.record(xr.Dataset(), function="ensemble.run", parameters=given, inputs=taken)
-    arguments = {
-        **given,
-        "modes": None if modes is None else f"{taken[1].id} {provenance.digest(modes)}",
-        "scenes": f"{taken[0].id} {provenance.digest(scenes)}",
-    }
     varied = {
         str(name): _varied(variable)
         for name, variable in scenes.variables.items()
         if name != "member" and is_varied(variable)
     }
     return {
-        **arguments,
+        **given,
+        "modes": None if modes is None else f"{taken[1].id} {taken[1].hash}",
+        "scenes": f"{taken[0].id} {taken[0].hash}",
         "id": head.attrs["id"],
         "input_hashes": [given.hash for given in taken],
         "varied": varied,

@@ -11,7 +11,6 @@ from typing import Any
 import xarray as xr
 
 from cablepod import archive, provenance
-from cablepod.archive._atomic import atomic_file
 from cablepod.archive._figure import write_figure
 from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
 from cablepod.paper.summary import HEAD, summary
@@ -76,8 +75,7 @@ def _write(
     provenance.record(result, function="paper.report.write", parameters={"size": size.name}, inputs=inputs)
     archive.write(result, folder / DATASET, overwrite=True)
     rows = summary(result)
-    with atomic_file(folder / PAGE) as unfinished:
-        unfinished.write_text(_page(result, parts, rows, seconds, size), encoding="utf-8")
+    (folder / PAGE).write_text(_page(result, parts, rows, seconds, size), encoding="utf-8")
     return result, rows
 
 
