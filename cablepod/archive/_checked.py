@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -75,12 +75,7 @@ class CheckedFile(BackendEntrypoint):
         try:
             check_has_checksums(path, opened.attrs)
             checksums = Checksums(opened.attrs[CHECKSUMS])
-            names = checksums.changed_heads(opened)
-            for name, index in opened.variables.items():
-                if name in opened.dims and str(name) not in names:  # xarray has it in memory
-                    blocks = checksums.blocks(str(name), index.shape)
-                    if blocks.checked((slice(None),) * index.ndim, index.values.__getitem__) is None:
-                        names.append(str(name))
+            names = _changed_names(opened, checksums, opened.indexes)  # whose values xarray has in memory
             if names:
                 raise changed(path, names)
         except BaseException:
@@ -149,23 +144,28 @@ def _parsed(path: Path, text: str, *_: int) -> Checksums:
     return Checksums(text)
 
 
+def _changed_names(opened: xr.Dataset, checksums: Checksums, names: Iterable[Any]) -> list[str]:
+    """Return what is not as written in an opened file: attributes, heads of variables, and values of the variables `names`."""
+    found = checksums.changed_heads(opened)
+    for name in names:
+        variable = opened.variables[name]
+        if str(name) not in found:
+            blocks = checksums.blocks(str(name), variable.shape)
+            try:
+                same = blocks.checked((slice(None),) * variable.ndim, partial(_values_of, variable))
+            except (OSError, RuntimeError, ValueError):  # its part of the file cannot be read
+                same = None
+            if same is None:
+                found.append(str(name))
+    return found
+
+
 def changes(path: Path) -> list[str]:
     """Return the names of all variables and attributes of a file that are not as written; empty without checksums."""
     with NetCDF4BackendEntrypoint().open_dataset(path, decode_times=False, decode_timedelta=False) as opened:
         if CHECKSUMS not in opened.attrs:
             return []
-        checksums = Checksums(opened.attrs[CHECKSUMS])
-        names = checksums.changed_heads(opened)
-        for name, variable in opened.variables.items():
-            if str(name) not in names:
-                blocks = checksums.blocks(str(name), variable.shape)
-                try:
-                    same = blocks.checked((slice(None),) * variable.ndim, partial(_values_of, variable))
-                except (OSError, RuntimeError, ValueError):  # its part of the file cannot be read
-                    same = None
-                if same is None:
-                    names.append(str(name))
-        return names
+        return _changed_names(opened, Checksums(opened.attrs[CHECKSUMS]), opened.variables)
 
 
 def print_changes(path: str) -> None:
