@@ -275,7 +275,8 @@ def with_rest(result: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
             result[name] = (("direction", "speed"), found[name].values.reshape(sizes), labels)
     if "anchor" in found:
         anchor = found["anchor"]
-        anchor = anchor.isel(member=0, drop=True) if "member" in anchor.dims else anchor
+        if "member" in anchor.dims:  # the same in all winds, nan where the mast has no rest
+            anchor = anchor.dropna("member").isel(member=0, drop=True)
         result["anchor"] = (("guy", "coordinate"), anchor.values, {"units": "m", "long_name": "position of the anchor"})
     return result
 

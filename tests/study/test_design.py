@@ -342,6 +342,17 @@ def test_failed_storms_are_nan_and_counted():
     assert "failed" in text(table)
 
 
+def test_anchors_are_known_where_the_first_storms_fail():
+    def soft(mapping):
+        windy(mapping)
+        mapping["mast"]["drag_area"] = 30.0
+
+    with pytest.warns(cp.MemberFailedWarning, match="^2 of 6 members failed"):
+        table = cp.study.design(small(soft), directions=[0.0], speeds=[60.0, 1.0, 2.0], storms=2)
+    np.testing.assert_array_equal(table.anchor, cp.mast.rest(small(windy)).anchor)
+    assert "nan" not in text(table)
+
+
 def test_parts_whose_storms_all_failed_are_joined_as_nan():
     ok = xr.Dataset({"tension_maximum": (("member", "end"), [[1.0, 2.0]]), "failure": ("member", ["slack"])})
     bad = xr.Dataset({"failure": ("member", ["no rest", "no rest"])})
