@@ -227,7 +227,8 @@ def test_the_chain_settles_near_the_orbit(case: str) -> None:
     orbit = cp.periodic.orbit(scene, modes, outputs=("position",)).position.values[:-1:4]
     period = 2.0 * np.pi / OMEGA
     times = period * (round(np.ceil(2.0 * np.log(1e5) / 0.5 / period)) + np.arange(32) / 32)
-    chain = cp.chain.simulate(scene, times=times, step=5e-5, scheme="velocity_verlet").position.values
+    # explicit chains with springs in the plane have no other quick test, for which they would be compiled
+    chain = cp.chain.simulate(scene, times=times, step=1e-3, scheme="trapezoidal").position.values
 
     def size(field: np.ndarray) -> float:
         return float(np.sqrt((field**2).sum(axis=2).mean(axis=1)).max())
