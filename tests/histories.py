@@ -1,4 +1,4 @@
-"""Histories and texts as no version of the package writes them: foreign, damaged, hostile; scripts of whole ones."""
+"""Histories: their functions and scripts; texts as no version of the package writes them, foreign, damaged, hostile."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import copy
 import json
 import random
 from typing import Any
+
+import xarray as xr
+
+from cablepod import provenance
 
 #: Characters that control a terminal, or the direction of text.
 HOSTILE = "\x1b]0;owned\x07\x1b[31m\x1b[2J\x00\x08\x7f\x9b31m\u202e\u2066\u200f\u2028\x85\r"
@@ -25,6 +29,11 @@ FUNCTIONS = (
 KEYS = (
     "id", "function", "parameters", "inputs", "chosen", "written", "program", "version", "commit", "wall_time_s", "platform",
 )  # fmt: skip
+
+
+def functions_of(dataset: xr.Dataset) -> list[str]:
+    """Return the functions of the stages of a Dataset, the first one first."""
+    return [stage["function"] for stage in provenance.stages_of(dataset)]
 
 
 def run_script(text: str) -> Any:

@@ -1,7 +1,9 @@
-"""Every public function that takes Datasets, with Datasets of every stage of a small scene."""
+"""Every public function, and those that take Datasets with Datasets of every stage of a small scene."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -140,6 +142,15 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "study.summary": (("scene",), {}),
     "wind.field": (("windy",), {}),
 }
+
+
+def public_functions() -> dict[str, Callable[..., Any]]:
+    """Functions of the facade and of its modules, by their dotted names."""
+    found = {name: getattr(cp, name) for name in cp.__all__}
+    for name, module in list(found.items()):
+        if inspect.ismodule(module):
+            found |= {f"{name}.{inner}": getattr(module, inner) for inner in module.__all__}
+    return {name: item for name, item in found.items() if inspect.isfunction(item)}
 
 
 def function_of(name: str) -> Any:

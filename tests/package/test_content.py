@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from histories import functions_of
 from results import make_modes, make_scene, make_trajectory
 
 import cablepod as cp
@@ -21,10 +22,6 @@ from cablepod.provenance import _inputs as inputs
 def run(soft):
     """A small chain."""
     return cp.chain.simulate(cp.make_scene(soft), step=1e-3, times=np.arange(21) / 10)
-
-
-def functions_of(dataset):
-    return [stage["function"] for stage in provenance.stages_of(dataset)]
 
 
 def change_of(dataset):
@@ -183,12 +180,6 @@ def test_lengths_that_follow_from_a_tension_decide_on_no_id(soft, monkeypatch):
     ]
     for stage in stages:
         assert not {"arc_length", "unstretched_lengths"} & set(stage["parameters"])
-
-
-def test_given_options_decide_on_an_id(soft):
-    scene = cp.make_scene(soft)
-    calls = [{}, {"tolerance": 1e-4}, {"tolerance": 1e-5}, {"step": 1e-3}, {"links": 8}]
-    assert len({cp.chain.simulate(scene, times=[0.1], **options).attrs["id"] for options in calls}) == len(calls)
 
 
 # --- content ----------------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from histories import functions_of
 
 import cablepod as cp
 from cablepod import lineage, provenance
@@ -11,10 +12,6 @@ from cablepod.condensed import _prepared, _prepared_model
 from cablepod.pod import _own
 
 CLOSE = 1.0 + 1e-12
-
-
-def functions_of(dataset):
-    return [stage["function"] for stage in provenance.stages_of(dataset)]
 
 
 def scaled(function, factor=CLOSE):

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from public_calls import public_functions
 
 import cablepod as cp
 
@@ -70,14 +71,6 @@ def test_importing_is_light_and_changes_no_global_options():
     assert unchanged == "True"
 
 
-def public_functions() -> list:
-    """Functions of the facade and of its modules."""
-    items = [getattr(cp, name) for name in cp.__all__]
-    modules = [item for item in items if inspect.ismodule(item)]
-    items += [getattr(module, name) for module in modules for name in module.__all__]
-    return [item for item in items if inspect.isfunction(item)]
-
-
 #: Optional arguments that may be positional: the second Dataset of a figure, ranges of a design, folder of a study, modes of a
 #: mast.
 POSITIONAL = {
@@ -87,8 +80,8 @@ POSITIONAL = {
 
 
 def test_public_names_say_what_they_return_and_have_keyword_only_options():
-    for function in public_functions():
-        name, text = f"{function.__module__}.{function.__name__}", inspect.getdoc(function)
+    for name, function in public_functions().items():
+        text = inspect.getdoc(function)
         assert "Returns" in text or "return" in text.splitlines()[0] or function.__name__ == "at_times", name
         for option, parameter in inspect.signature(function).parameters.items():
             if parameter.default is not inspect.Parameter.empty and (function.__name__, option) not in POSITIONAL:
