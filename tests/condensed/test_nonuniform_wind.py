@@ -64,14 +64,6 @@ def test_gusts(case: str) -> None:
     assert abs(float(plain.tension.isel(link=-1).mean() / true.mean()) - 1.0) > change  # the table matters
 
 
-def test_equal_segments_are_none() -> None:
-    scene = cp.make_scene({**GUY, "time": {"duration": 3.0, "interval": 0.05}})
-    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
-    equal = cp.make_scene({**GUY, "time": {"duration": 3.0, "interval": 0.05}, "segment": [{"to": 0.35}, {}]})
-    runs = [cp.condensed.simulate(given, modes, step=0.01) for given in (scene, equal)]
-    assert np.abs(runs[1].position.values - runs[0].position.values).max() < 1e-10
-
-
 def test_a_small_attachment_changes_little() -> None:
     """Points along parts instead of the whole cable, in the limit of an attachment that weighs nothing."""
     scene = cp.make_scene({**GUY, "time": {"duration": 5.0, "interval": 0.05}})

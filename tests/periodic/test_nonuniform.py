@@ -241,15 +241,6 @@ def test_the_chain_settles_near_the_orbit(case: str) -> None:
     assert size(other - chain) > 0.1 * motion  # the things matter
 
 
-def test_equal_segments_are_none() -> None:
-    scenes = [guy(), guy(segment=[{"to": 0.35}, {"from": 0.35}])]
-    modes = cp.condensed.vibration_modes(scenes[0], rank=3)
-    orbits = [cp.periodic.orbit(scene, modes) for scene in scenes]
-    scale = np.ptp(orbits[0].position.values, axis=0).max()
-    assert np.abs(orbits[1].position.values - orbits[0].position.values).max() < 1e-10 * scale
-    assert np.abs(np.sort_complex(multipliers(orbits[1])) - np.sort_complex(multipliers(orbits[0]))).max() < 1e-10
-
-
 def test_branches_with_a_damper_have_the_orbits() -> None:
     scene = guy(**THINGS["damper"])
     modes = cp.condensed.vibration_modes(scene, rank=3, static_modes=True)
