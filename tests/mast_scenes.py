@@ -22,6 +22,14 @@ SMALL: dict[str, Any] = {
 WIND: dict[str, Any] = {
     "speed": 20.0, "direction": [1.0, 0.0, 0.0], "turbulence": {"spectrum": "kaimal", "seed": 3}
 }  # fmt: skip
+INSULATOR = {"distance_from_lower": 6.0, "mass": 15.0, "drag_area": 0.05}
+#: Segments and attachments of the guys.
+THINGS: dict[str, Any] = {
+    "segment": [{"to": 0.3, "youngs_modulus": 5e10, "density": 5000.0, "diameter": 0.02}, {}],
+    "attachment": [
+        INSULATOR, {"distance_from_upper": 10.0, "damper": 100.0, "spring": 300.0, "direction": "normal"}
+    ],
+}  # fmt: skip
 
 
 def small_tables(change: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, small, two_sections_in_wind, windy
+from mast_scenes import THINGS, WIND, small, two_sections_in_wind, windy
 from scipy.optimize import curve_fit
 
 import cablepod as cp
@@ -24,13 +24,6 @@ from cablepod.parameters._mast import mast_parameters
 from cablepod.wind._mast_air import mean_mast_air
 
 RATIOS = [0.01, 0.04, 0.02]
-THINGS = {
-    "segment": [{"to": 0.3, "youngs_modulus": 5e10, "density": 5000.0, "diameter": 0.02}, {}],
-    "attachment": [
-        {"distance_from_lower": 6.0, "mass": 15.0, "drag_area": 0.05},
-        {"distance_from_upper": 10.0, "damper": 100.0, "spring": 300.0, "direction": "normal"},
-    ],
-}
 
 
 def with_things(**tables):

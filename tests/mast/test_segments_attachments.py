@@ -7,18 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mast_scenes import SMALL, WIND, small
+from mast_scenes import INSULATOR, SMALL, THINGS, WIND, small
 
 import cablepod as cp
 from cablepod.errors import SceneError
 
-INSULATOR = {"distance_from_lower": 6.0, "mass": 15.0, "drag_area": 0.05}
-THINGS: dict[str, Any] = {
-    "segment": [{"to": 0.3, "youngs_modulus": 5e10, "density": 5000.0, "diameter": 0.02}, {}],
-    "attachment": [
-        INSULATOR, {"distance_from_upper": 10.0, "damper": 100.0, "spring": 300.0, "direction": "normal"}
-    ],
-}  # fmt: skip
 #: A mast that does not move.
 RIGID = {"height": 30.0, "bending_stiffness": 1e14, "mass": 1e6, "base": "clamped", "elements": 8, "modes": 2}
 
