@@ -143,8 +143,8 @@ def test_inputs_are_recorded_with_their_hashes(run):
 
 def test_nothing_that_was_chosen_decides_on_an_id(soft, monkeypatch):
     """A chosen tolerance differed in its 12th digit on another machine, and gave another id."""
-    scene = cp.make_scene(soft)
-    run = cp.chain.simulate(scene, times=np.arange(21) / 10)
+    scene = cp.make_scene({**soft, "time": {"duration": 0.5, "interval": 0.25}})
+    run = cp.chain.simulate(scene, times=np.arange(11) / 20)
     modes = cp.pod.decompose(run, rank=2, layout="normal")
     calls = [
         lambda: cp.condensed.simulate(scene, modes), lambda: cp.chain.simulate(scene), lambda: cp.cable.simulate(scene),
