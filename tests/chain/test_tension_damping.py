@@ -85,33 +85,6 @@ def test_the_condensed_model_keeps_second_order():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", ["leading", "exact", "inertial"])
-@pytest.mark.parametrize("beta", [1e-3, 1e-2])
-def test_the_estimate_of_the_condensed_model_counts_the_damping(beta, order):
-    scene = cp.make_scene(
-        {
-            "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 12000.0},
-            "ends": {"lower": [0.0, 0.0, 0.0], "upper": [40.0, 50.0, 0.0]},
-            "chain": {"links": 24},
-            "damping": {"tension_proportional": beta},
-            "motion": {"upper": {"z": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 11.0, "ramp": 1.0}}},
-            "time": {"duration": 6.0, "interval": 0.05},
-        }
-    )
-    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=2), order=order)
-    chain = cp.chain.simulate(scene, outputs=("position",)).position.values
-    weights = np.full(25, 1.0 / 24.0)
-    weights[[0, -1]] /= 2.0
-
-    def rms(difference):
-        return math.sqrt(((difference**2).sum(axis=2) @ weights).max())
-
-    error = rms(run.position.values - chain) / rms(chain - chain[:1])
-    assert error > 0.05
-    assert 0.9 * error < run.attrs["error_estimate"] < 1.5 * error
-
-
-@pytest.mark.slow
 def test_a_slack_cable_is_not_damped():
     # a free particle falls beside a slack link: nothing but gravity acts
     scene = {

@@ -242,22 +242,30 @@ def test_it_sees_a_chord_that_turns_away_from_an_attachment(direction: list[floa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", ["leading", "exact"])
-def test_it_counts_damping_by_ratios(order):
+@pytest.mark.parametrize(
+    ("damping", "order", "least", "range_of_ratios"),
+    [
+        *(({"ratio": 0.05}, order, 0.02, (0.8, 2.0)) for order in ("leading", "exact")),
+        *(({"tension_proportional": beta}, order, 0.05, (0.9, 1.5)) for beta in (1e-3, 1e-2) for order in ORDERS),
+    ],
+    ids=str,
+)
+def test_it_counts_the_damping(damping, order, least, range_of_ratios):
     scene = cp.make_scene(
         {
             "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 12000.0},
             "ends": {"lower": [0.0, 0.0, 0.0], "upper": [40.0, 50.0, 0.0]},
             "chain": {"links": 24},
-            "damping": {"ratio": 0.05},
+            "damping": damping,
             "motion": {"upper": {"z": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 11.0, "ramp": 1.0}}},
             "time": {"duration": 6.0, "interval": 0.05},
         }
     )
     run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=2), order=order)
     error = error_of(run, cp.chain.simulate(scene, outputs=("position",)))
-    assert error > 0.02
-    assert 0.8 * error < run.attrs["error_estimate"] < 2.0 * error
+    assert error > least
+    low, high = range_of_ratios
+    assert low < run.attrs["error_estimate"] / error < high
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning")
