@@ -231,15 +231,20 @@ def test_a_lane_that_fails_is_stepped_alone_from_where_it_was(soft, monkeypatch,
     assert changed.max() < 1e-4  # the error of one step against that of two halves, of second order
 
 
+def diverging_in_the_fourth(soft, top_tension):
+    """Make members of these tensions at rest; the end of the fourth leaves the finite numbers, after the time of the scene."""
+    motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
+    tables = {"motion": motion, "time": {"duration": 0.5, "interval": 0.5}}
+    scenes = scenes_of(soft, tables, {"cable_top_tension": top_tension})
+    coefficients = np.zeros((len(top_tension), 30))
+    coefficients[3, -1] = 1e3
+    dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
+    return scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
+
+
 @pytest.mark.slow
 def test_members_of_lanes_that_fail_report_the_reason_of_single_runs(soft):
-    motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
-    coefficients = np.zeros((6, 30))
-    coefficients[3, -1] = 1e3
-    tables = {"motion": motion, "time": {"duration": 0.5, "interval": 0.5}}
-    scenes = scenes_of(soft, tables, {"cable_top_tension": [230.0, 1.0, 250.0, 230.0, 300.0, 220.0]})
-    dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
-    scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
+    scenes = diverging_in_the_fourth(soft, [230.0, 1.0, 250.0, 230.0, 300.0, 220.0])
     options = {"scheme": "trapezoidal", "step": 0.1, "times": np.arange(0.0, 41.0)}
     with pytest.warns(errors.MemberFailedWarning, match="8 of 24 members failed"):
         run = run_batched(scenes, options)
@@ -418,15 +423,8 @@ def test_block_and_chunk_sizes_change_no_bit(soft, monkeypatch, name, value, lon
 
 def test_failing_members_report_the_reason_of_single_runs(soft):
     # no such cable; a limit below the step; a motion that leaves the finite numbers
-    motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
-    coefficients = np.zeros((5, 30))
-    coefficients[3, -1] = 1e3
-    # in the time of the scene the ends stay near
-    tables = {"motion": motion, "time": {"duration": 0.5, "interval": 0.5}}
+    scenes = diverging_in_the_fourth(soft, [230.0, 1.0, 5e5, 230.0, 300.0])
     options = {"step": STEP, "outputs": ALL, "times": np.arange(0.0, 41.0)}
-    scenes = scenes_of(soft, tables, {"cable_top_tension": [230.0, 1.0, 5e5, 230.0, 300.0]})
-    dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
-    scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
     with pytest.warns(errors.MemberFailedWarning, match="12 of 20 members failed"):
         run = run_batched(scenes, options)
     for i, (kind, why) in {
