@@ -1,4 +1,4 @@
-"""Wind in cable.simulate, the condensed orders "exact" and "inertial", energy_momentum and prepared models."""
+"""Wind in all models and schemes: order, agreement, rest, prepared models."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from suite import slow
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
@@ -14,50 +15,58 @@ import cablepod as cp
 #: An end that swings in a wind that rises: relative velocities change all the time.
 SWING = {"upper": {"z": {"kind": "one_minus_cosine", "amplitude": 0.05, "angular_frequency": 3.0}}}
 RISING = {**GUY, "wind": {**WIND, "ramp": 0.5}, "motion": SWING, "time": {"duration": 1.0, "interval": 0.1}}
-ORDERS = {"exact": (0.01, 0.005, 0.0025), "inertial": (0.01, 0.005, 0.0025)}
-CABLE = {"velocity_verlet": (1.6e-4, 8e-5, 4e-5), "trapezoidal": (4e-3, 2e-3, 1e-3)}
+DAMPING = ({}, {"damping": {"tension_proportional": 0.002}})
+#: Longest of three steps [s] of the models by scheme, of the condensed one by order: those of quick tests, and others.
+OFTEN = {
+    ("chain", "velocity_verlet"): 5e-4, ("chain", "trapezoidal"): 2e-3, ("chain", "generalized_alpha"): 2e-3,
+    ("condensed", "leading"): 0.01,
+}  # fmt: skip
+RARE = {
+    ("chain", "energy_momentum"): 2e-3, ("condensed", "exact"): 0.01, ("condensed", "inertial"): 0.01,
+    ("cable", "velocity_verlet"): 1.6e-4, ("cable", "trapezoidal"): 4e-3,
+}  # fmt: skip
 
 
-def runs_of(model, tables):
+def runs_of(model, name, tables):
     """Return positions with three steps, each half of the last one."""
-    scene = cp.make_scene(tables)
-    if model in ORDERS:
+    scene, steps = cp.make_scene(tables), [(OFTEN | RARE)[model, name] / 2**i for i in range(3)]
+    if model == "condensed":
         modes = cp.condensed.vibration_modes(scene, rank=4)
-        return [
-            cp.condensed.simulate(scene, modes, order=model, step=h, outputs=("position",)).position.values
-            for h in ORDERS[model]
-        ]
-    if model == "energy_momentum":
-        return [cp.chain.simulate(scene, scheme=model, step=h).position.values for h in (2e-3, 1e-3, 5e-4)]
-    return [
-        cp.cable.simulate(scene, law="linear", scheme=model, step=h, elements=4).position.values for h in CABLE[model]
-    ]
+        runs = [cp.condensed.simulate(scene, modes, order=name, step=h, outputs=("position",)) for h in steps]
+    elif model == "cable":
+        runs = [cp.cable.simulate(scene, law="linear", scheme=name, step=h, elements=4) for h in steps]
+    else:
+        runs = [cp.chain.simulate(scene, scheme=name, step=h) for h in steps]
+    return [run.position.values for run in runs]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("damping", [{}, {"damping": {"tension_proportional": 0.002}}])
-@pytest.mark.parametrize("model", [*ORDERS, *CABLE, "energy_momentum"])
-def test_second_order_remains(model, damping):
-    coarse, fine = (np.abs(a - b).max() for a, b in pairwise(runs_of(model, {**RISING, **damping})))
+@pytest.mark.parametrize(
+    ("model", "name", "damping"),
+    [*((*pair, {}) for pair in OFTEN), *(slow(*pair, damping) for pair in RARE for damping in DAMPING)],
+    ids=str,
+)
+def test_second_order_remains(model, name, damping):
+    coarse, fine = (np.abs(a - b).max() for a, b in pairwise(runs_of(model, name, {**RISING, **damping})))
     assert 1.7 < math.log2(coarse / fine) < 2.4
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("damping", [{}, {"damping": {"tension_proportional": 0.002}}])
+@pytest.mark.parametrize("damping", DAMPING)
 def test_models_agree_in_wind(damping):
     tables = {**RISING, **damping, "chain": {"links": 80}}
     chain = cp.chain.simulate(cp.make_scene(tables), step=8e-5).position.values
     moved = np.abs(chain - chain[0]).max()
     assert moved > 0.3
     explicit, implicit, conserving = (
-        runs_of(name, tables)[-1] for name in ("velocity_verlet", "trapezoidal", "energy_momentum")
+        runs_of(*pair, tables)[-1]
+        for pair in (("cable", "velocity_verlet"), ("cable", "trapezoidal"), ("chain", "energy_momentum"))
     )
     assert np.abs(explicit - implicit).max() < 5e-5 * moved  # of the steps
     assert np.abs(explicit - chain).max() < 1e-3 * moved  # of the links
     assert np.abs(conserving - chain).max() < 5e-5 * moved
     scene = cp.make_scene(tables)
     modes = cp.condensed.vibration_modes(scene, rank=8, static_modes=True)
-    for order in ORDERS:
+    for order in ("exact", "inertial"):
         run = cp.condensed.simulate(scene, modes, order=order, step=2e-3)
         assert np.abs(run.position.values - chain).max() < 2e-3 * moved
         assert run.attrs["error_estimate"] < 5e-3 or damping  # nan with damping by the tension
