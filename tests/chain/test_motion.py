@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from convergence import distances, orders
 from scenes import TERMS as SHARED
 from scenes import along, energies, scene_with
 from suite import slow
@@ -106,15 +107,14 @@ def test_second_order_in_the_step_with_every_term(soft, law, name):
     outputs = ("position",) if law == "linear" else ("position", "tension_extremes")
     options = {"times": [1.0, 2.0, 4.0], "law": law, "outputs": outputs}
     runs = [positions(scene, step=h, **options) for h in (1 / 1600, 1 / 3200, 1 / 6400, 1 / 12800)]
-    distance = [np.abs(a - b).max() for a, b in itertools.pairwise(runs)]
-    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+    np.testing.assert_allclose(orders(distances(runs)), 2.0, atol=0.1)
 
 
 def test_second_order_in_the_number_of_links(soft):
     scene = scene_with(soft)
     runs = [positions(scene, links=n, times=[0.5, 1.0], step=1 / 8000)[:, :: n // 8] for n in (16, 32, 64, 128)]
     distance = [np.sqrt(np.mean((a - b) ** 2)) for a, b in itertools.pairwise(runs)]
-    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+    np.testing.assert_allclose(orders(distance), 2.0, atol=0.1)
 
 
 def test_saving_more_often_changes_no_bit(soft):
@@ -135,8 +135,7 @@ def test_between_steps_the_output_has_the_order_of_the_scheme(soft):
     for rate in (2000, 4000, 8000):
         run = cp.chain.simulate(scene, times=times, step=1 / rate, outputs=("position", "velocity"))
         errors.append([float(np.abs(run[name] - exact[name]).max()) for name in ("position", "velocity")])
-    order = np.log2(np.divide(errors[:-1], errors[1:]))
-    np.testing.assert_allclose(order, 2.0, atol=0.15)
+    np.testing.assert_allclose(orders(errors), 2.0, atol=0.15)
 
 
 @pytest.mark.parametrize("law", ["linear", "green"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from convergence import orders
 from scenes import scene_with, uniform_chain
 
 import cablepod as cp
@@ -55,8 +56,7 @@ def test_rest_tends_to_the_catenary_as_the_square_of_the_link(soft):
     for n in (10, 20, 40):
         exact = cp.catenary.rest(scene, points=n + 1)
         errors.append(float(np.abs(cp.chain.rest(scene, links=n).position - exact.position).max()))
-    order = np.log2(np.divide(errors[:-1], errors[1:]))
-    np.testing.assert_allclose(order, 2.0, atol=0.1)
+    np.testing.assert_allclose(orders(errors), 2.0, atol=0.1)
 
 
 def test_rest_of_two_links_against_hand_calculation():

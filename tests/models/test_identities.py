@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 import re
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from convergence import distances, orders
 from scenes import RIGID_CABLE, SOFT, everything, full_modes, spatial
 from suite import with_slow
 
@@ -133,8 +133,7 @@ BY_NUMBER = ("condensed velocity_verlet",)
 def test_the_scheme_has_its_order(case, simulate):
     order = CASES[case][2]
     runs = [simulate(case, scene_of(case), times=[0.5, 1.0, 2.0], longer=0.5**i) for i in range(4)]
-    distance = [float(np.abs(a.position - b.position).max()) for a, b in itertools.pairwise(runs)]
-    found = np.log2(np.divide(distance[:-1], distance[1:]))
+    found = orders(distances([run.position for run in runs]))
     np.testing.assert_allclose(found, order, atol=0.1 * order)
 
 

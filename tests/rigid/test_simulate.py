@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
+from convergence import distances, orders
 from scenes import RIGID_CABLE, link_length_errors, pendulum, rigid_scene
 from scenes import TERMS as SHARED
 from scipy.integrate import solve_ivp
@@ -145,7 +144,7 @@ def test_rest_tends_to_the_inextensible_catenary(soft):
         rest = cp.rigid.rest(stiff, links=n)
         assert float(rest.residual) < 1e-10 * float(rest.tension.max())
         errors.append(np.abs(rest.position - cp.catenary.rest(stiff, points=n + 1).position).max().item())
-    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+    np.testing.assert_allclose(orders(errors), 2.0, atol=0.1)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
@@ -175,9 +174,8 @@ def test_order_in_the_step_with_every_term(soft, name, formulation, order, rate,
         for i in range(4)
     ]
     for what in ("position", "velocity", "tension"):
-        values = [run[what].values for run in runs]
-        distance = [np.abs(a - b).max() for a, b in itertools.pairwise(values)]
-        np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), order, atol=allowed, err_msg=what)
+        found = orders(distances([run[what].values for run in runs]))
+        np.testing.assert_allclose(found, order, atol=allowed, err_msg=what)
     drift = [run.attrs["energy_drift"] for run in runs]
     # work of ends and loads and what damping takes are integrated to the order of the scheme
     assert np.log2(drift[1] / drift[2]) > order - 0.5
