@@ -44,19 +44,6 @@ def small(change: Any = lambda mapping: None) -> Any:
     return cp.make_scene(small_tables(change))
 
 
-def put(mapping: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
-    """Set the value at a key path, as guy.1.level; None deletes it."""
-    *tables, name = path.split(".")
-    table: Any = mapping
-    for part in tables:
-        table = table[int(part) - 1] if isinstance(table, list) else table[part]
-    if value is None:
-        del table[name]
-    else:
-        table[name] = value
-    return mapping
-
-
 def windy(mapping: dict[str, Any]) -> None:
     """Put gusts in the place of the load."""
     mapping["wind"] = WIND

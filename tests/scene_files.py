@@ -113,11 +113,11 @@ def everything() -> dict[str, Any]:
 
 
 def put(mapping: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
-    """Set the value at a key path, making tables on the way; None deletes it."""
+    """Set the value at a key path, as guy.1.level, making tables on the way; None deletes it."""
     *tables, last = path.split(".")
-    table = mapping
+    table: Any = mapping
     for name in tables:
-        table = table.setdefault(name, {})
+        table = table[int(name) - 1] if isinstance(table, list) else table.setdefault(name, {})
     if value is None:
         del table[last]
     else:

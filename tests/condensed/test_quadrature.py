@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from host_scenes import sines
 
 import cablepod as cp
 from cablepod import examples
 
 TIMES = np.arange(0.0, 10.1, 0.5)
 OPTIONS = {"order": "exact", "scheme": "velocity_verlet", "step": 0.01, "times": TIMES}
-
-
-def sines(links, rank):
-    """The first sines on equal links."""
-    sigma = np.linspace(0.0, 1.0, links + 1)
-    return cp.modes(np.sin(np.pi * np.outer(np.arange(1, rank + 1), sigma)), arc_length=sigma)
 
 
 def largest_error(run, truth):
@@ -28,7 +23,7 @@ def test_links_converge_to_quadrature_points(law):
     scene = examples.scene("example4")
     apart = []
     for links in (20, 40, 80):
-        modes = sines(links, 2)
+        modes = sines(2, points=links + 1)
         whole, few = (
             cp.condensed.simulate(scene, modes, law=law, quadrature=points, outputs=("position",), **OPTIONS)
             for points in (None, 16)
@@ -45,7 +40,7 @@ def test_chordwise_inertia_of_links_converges_to_that_of_points(soft):
     options = {"scheme": "velocity_verlet", "step": 1e-3, "times": np.arange(21) / 10, "outputs": ("position",)}
     apart = []
     for links in (20, 40, 80):
-        modes = sines(links, 2)
+        modes = sines(2, points=links + 1)
         whole = cp.condensed.simulate(scene, modes, order="inertial", **options)
         few, without = (
             cp.condensed.simulate(scene, modes, order=order, quadrature=16, **options)
@@ -58,7 +53,7 @@ def test_chordwise_inertia_of_links_converges_to_that_of_points(soft):
 
 def test_sixteen_points_suffice_for_three_modes():
     """Sixteen points integrate products of four slopes of three sines to 1e-6."""
-    scene, modes = examples.scene("example4"), sines(80, 3)
+    scene, modes = examples.scene("example4"), sines(3, points=81)
     few, many = (cp.condensed.simulate(scene, modes, quadrature=n, outputs=("position",), **OPTIONS) for n in (16, 32))
     assert largest_error(few, many) < 1e-4
 
@@ -67,7 +62,7 @@ def test_members_equal_single_runs():
     scenes = cp.ensemble.design(
         examples.scene("example4"), {"cable.top_tension": [7500.0, 9000.0]}, members=2, sampling="list"
     )
-    modes = sines(40, 2)
+    modes = sines(2)
     options = {**OPTIONS, "quadrature": 12, "outputs": ("position",)}
     both = cp.condensed.simulate(scenes, modes, **options)
     alone = cp.condensed.simulate(scenes.isel(member=1, drop=True), modes, **options)
@@ -87,10 +82,10 @@ def test_members_equal_single_runs():
 def test_unsupported_options_are_refused(changes, match):
     options = {**OPTIONS, "quadrature": 12, **changes}
     with pytest.raises(cp.SceneError, match=match):
-        cp.condensed.simulate(examples.scene("example4"), sines(40, 4), **options)
+        cp.condensed.simulate(examples.scene("example4"), sines(4), **options)
 
 
 def test_point_loads_are_refused(soft):
     scene = cp.make_scene({**soft, "point_load": [{"arc_length": 0.5, "force": [0.0, -1.0]}]})
     with pytest.raises(cp.SceneError, match="point loads"):
-        cp.condensed.simulate(scene, sines(40, 2), quadrature=12, **OPTIONS)
+        cp.condensed.simulate(scene, sines(2), quadrature=12, **OPTIONS)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import put, small, windy
+from mast_scenes import small, windy
+from scene_files import put
 
 import cablepod as cp
 from cablepod.errors import MemberFailedWarning, OutOfRangeWarning, SceneError

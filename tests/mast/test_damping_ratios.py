@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import put, small
+from mast_scenes import small
+from scene_files import put
 
 import cablepod as cp
 

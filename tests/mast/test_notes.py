@@ -9,8 +9,8 @@ import warnings
 
 import numpy as np
 import pytest
-from mast_scenes import put
 from printed import printed
+from scene_files import put
 
 import cablepod as cp
 from cablepod import examples

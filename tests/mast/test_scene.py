@@ -6,7 +6,8 @@ import copy
 
 import numpy as np
 import pytest
-from mast_scenes import SMALL, WIND, put, small
+from mast_scenes import SMALL, WIND, small
+from scene_files import put
 
 import cablepod as cp
 from cablepod import examples

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import WIND, put, small, windy
+from mast_scenes import WIND, small, windy
+from scene_files import put
 
 import cablepod as cp
 from cablepod.errors import SceneError
