@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,7 +46,8 @@ MAX_GROWTH = 2.0
 MIN_ENERGY, MAX_ENERGY = 1e-200, 1e200
 
 
-class Decomposition(NamedTuple):
+@dataclass(frozen=True)
+class Decomposition:
     """Left singular vectors (features, modes), singular values, and norm of the discarded part."""
 
     left: np.ndarray
