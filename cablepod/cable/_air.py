@@ -21,12 +21,15 @@ class MeshAir(ChainAir):
     #: The distance of two steps then falls as the square of the step from the longest stable one on; with 8 it does not.
     max_hold: ClassVar[int] = 4
 
+    @property
+    def element_drag(self) -> np.ndarray:
+        """Half the density of the air times drag coefficient and diameter of the elements (elements,) [kg/m2]."""
+        return np.full(self.chain.sizes.size, self.drag) * (1.0 if self.chain.ratios is None else self.chain.ratios[1])
+
     def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the drag on all nodes (nodes, dims) [N] at an instant [s]; 0 at held ones."""
         mesh, relative = self.chain, self.relative_velocity(velocity, time)
-        drag = self.drag * mesh.length
-        if mesh.ratios is not None:
-            drag = drag * np.repeat(mesh.ratios[1], mesh.order + 1)
+        drag = np.repeat(self.element_drag, mesh.order + 1) * mesh.length
         at_points = straight_drag(drag, mesh.gradient(position), relative[mesh.nodes.ravel()])[0]
         force = np.zeros(position.shape)
         np.add.at(force, mesh.nodes.ravel(), at_points)

@@ -1,26 +1,24 @@
-"""Compiled tangent stiffness and trapezoidal steps of the spectral elements."""
+"""Compiled tangent stiffness and trapezoidal steps of the spectral elements.
+
+Arrays as in :mod:`cablepod.cable._kernels_arguments`.
+"""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cablepod._jit import compiled
-from cablepod.cable._kernels_air import _nodal_drag
+from cablepod.cable._kernels_air import add_drag
 from cablepod.cable._kernels_forces import (
-    _add_tension_damping,
-    _assemble,
+    _add_forces,
+    _clear,
     _extremes,
-    _gradient,
     _is_inside,
-    _law,
-    _pairs,
-    _products,
     _record_slack,
-    _scale_elements,
+    _set_end_rates,
+    _stresses,
 )
-from cablepod.chain._kernels_attached import add_bodies, attached_forces, attached_tangent
+from cablepod.chain._kernels_attached import attached_forces, attached_tangent
 from cablepod.discretisation._kernels_modal_damping import damping_forces
 from cablepod.integrate._kernels_assign import assign
 
@@ -33,82 +31,62 @@ MANY_ITERATIONS = 6
 REMAINDER = 0.1
 
 
-@compiled
-def _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b):
-    """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]; s is that of ``_law``."""
+@compiled(noalias=True, counted=False)
+def _axial_tangent(elements, rate, square, s, b):
+    """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]."""
+    weight, stiffness = elements.weight, elements.stiffness
     for q in range(b.shape[0]):
-        if green:
+        if elements.green:
             for e in range(b.shape[1]):
-                b[q, e] = weight[q] * stiffness
+                b[q, e] = weight[q] * stiffness[e]
         else:
             for e in range(b.shape[1]):
-                part = weight[q] * stiffness / (square[q, e] * math.sqrt(square[q, e]))
+                part = weight[q] * stiffness[e] / (square[q, e] * math.sqrt(square[q, e]))
                 # further viscous terms of the exact tangent are omitted; Newton's method converges without them
-                part += weight[q] * viscosity * stiffness * velocity_factor / square[q, e]
+                part += weight[q] * elements.viscosity * stiffness[e] * rate / square[q, e]
                 b[q, e] = part if s[q, e] > 0.0 else 0.0
 
 
-@compiled
-def _tangent(g, s, b, pairs, scale, unrolled, first, line, coefficient, band):
-    """Add the tangent stiffness of all elements to a band matrix.
-
-    Parameters
-    ----------
-    g, s, b : float arrays (dims, p + 1, elements), (p + 1, elements), (p + 1, elements)
-        Derivative of the position, and coefficients of the identity and of g g^T [N].
-    pairs : float array (p + 1, p + 1, p + 1)
-        Products D_qi D_qj at [i, j, q].
-    scale, unrolled : float array (elements,), tuple or None
-        2 over the lengths of the elements [1/m]; see :func:`cablepod.cable._kernels_explicit.verlet`.
-    first : int
-        Number of the first free node.
-    line, coefficient : float arrays (elements,), (p + 1, elements)
-        Work arrays.
-    band : float array (unknowns, width)
-        Lower triangle: entry (row, column) is at [column, row - column]; unknowns are dims (node - first) + coordinate.
-    """
-    dims, count, elements = g.shape[0], g.shape[1] if unrolled is None else len(unrolled), g.shape[2]
-    free = band.shape[0] // dims
+@compiled(noalias=True, counted=False)
+def _add_tangent(elements, rate, g, s, b, coefficient, line, band):
+    """Add the tangent stiffness of all elements to the band; `coefficient` (p + 1, elements) is a work array."""
+    dims, count, size, damping = g.shape[0], len(elements.nodes), elements.scale.size, elements.tension_damping * rate
     for c in range(dims):
         for k in range(c + 1):
             for q in range(count):
-                for e in range(elements):
+                for e in range(size):
                     coefficient[q, e] = b[q, e] * g[c, q, e] * g[k, q, e]
                     if c == k:
-                        coefficient[q, e] += s[q, e]
+                        coefficient[q, e] += s[q, e] + max(s[q, e], 0.0) * damping
             for i in range(count):
                 for j in range(i + 1 if c == k else count):
-                    for e in range(elements):
+                    for e in range(size):
                         total = 0.0
                         for q in range(count):
-                            total += pairs[i, j, q] * coefficient[q, e]
-                        line[e] = total * scale[e]
-                    for e in range(elements):
-                        n, m = e * (count - 1) + i - first, e * (count - 1) + j - first
-                        if 0 <= n < free and 0 <= m < free:
-                            row, column = dims * n + c, dims * m + k
-                            if row >= column:
-                                band[column, row - column] += line[e]
-                            else:
-                                band[row, column - row] += line[e]
+                            total += elements.pairs[i, j, q] * coefficient[q, e]
+                        line[e] = total * elements.scale[e]
+                    # entry of node i, coordinate c and node j, coordinate k: in the column of the lower unknown
+                    node, coordinate, below = (j, k, c - k) if i >= j else (i, c, k - c)
+                    for e in range(size):
+                        band[dims * (e * (count - 1) + node) + coordinate, dims * abs(i - j) + below] += line[e]
 
 
-@compiled
-def _column_heights(first, free, order, dims):
-    """Return the number of entries below the diagonal of each column (unknowns,)."""
-    height = np.empty(free * dims, dtype=np.int64)
-    for n in range(free):
-        node = n + first
-        last = min((node // order + 1) * order - first, free - 1)
+@compiled(counted=False)
+def _add_blocks(block, band):
+    """Add symmetric blocks of the nodes to the band."""
+    dims = 2 if block.shape[0] == 3 else 3
+    for n in range(block.shape[1]):
+        row = 0
         for c in range(dims):
-            height[dims * n + c] = dims * (last + 1) - 1 - (dims * n + c)
-    return height
+            for k in range(c, dims):
+                band[dims * n + c, k - c] += block[row, n]
+                row += 1
 
 
-@compiled
-def _solve(band, height, right):
-    """Solve a symmetric band system in place by L D L^T without pivoting, within the column heights of element blocks."""
-    for j in range(right.size):
+@compiled(counted=False)
+def _solve(first, last, band, height, right):
+    """Solve a symmetric band system of some unknowns in place by L D L^T without pivoting, within the heights of the columns."""
+    for j in range(first, last):
         height_j = height[j]
         inverse = 1.0 / band[j, 0]
         column = band[j]
@@ -122,202 +100,163 @@ def _solve(band, height, right):
                 target[m] -= factor * tail[m]
         band[j, 0] = inverse
         right[j] = value
-    for j in range(right.size - 1, -1, -1):
+    for j in range(last - 1, first - 1, -1):
         total = 0.0
         for k in range(1, height[j] + 1):
             total += band[j, k] * right[j + k]
         right[j] -= total * band[j, 0]
 
 
-@compiled
-def _add_blocks(own, first, band):
-    """Add symmetric blocks of the nodes (3 or 6, N) [N/m] to the band of the free ones, see :func:`_tangent`."""
-    dims = 2 if own.shape[0] == 3 else 3
-    for j in range(band.shape[0] // dims):
-        row = 0
-        for c in range(dims):
-            for k in range(c, dims):
-                band[dims * j + c, k - c] += own[row, first + j]
-                row += 1
+@compiled(noalias=True, counted=False)
+def _predict(tables, i, state, step, has_acceleration, increment, trial):
+    """Predict the increments and positions of step `i` of the tables, from velocities or accelerations too; prescribes ends."""
+    for c in range(trial.shape[0]):
+        for j in range(trial.shape[1]):
+            increment[c, j] = step * state.v[c, j]
+            if has_acceleration:
+                increment[c, j] += 0.5 * step * step * state.a[c, j]
+            trial[c, j] = state.x[c, j] + increment[c, j]
+    for q in range(tables.rows.size):
+        trial[tables.rows[q], tables.columns[q]] = tables.ends[q, i]
 
 
-@compiled
-def _predict(x, v, a, first, step, has_acceleration, increment, trial):
-    """Predict the increments of the free nodes and their positions after a step, from their velocities or accelerations too."""
+@compiled(noalias=True, counted=False)
+def _rates(v, increment, step, u):
+    """Fill the velocities after a step, but for those of moving ends."""
+    for c in range(u.shape[0]):
+        for j in range(u.shape[1]):
+            u[c, j] = 2.0 * increment[c, j] / step - v[c, j]
+
+
+@compiled(counted=False)
+def _residual(elements, nodes, factors, i, step, state, work, newton):
+    """Fill the right side: forces, loads at step `i` of the tables, inertia and damping by mass."""
+    inertia, v, dims = 4.0 / (step * step), state.v, state.v.shape[0]
+    for c in range(dims):
+        for j in range(elements.first, elements.last):
+            total = work.force[c, j] + nodes.loads[c, j]
+            for load in range(nodes.patterns.shape[0]):
+                total += factors[i, load] * nodes.patterns[load, c, j]
+            new = inertia * (newton.increment[c, j] - step * v[c, j]) - state.a[c, j]
+            newton.right[dims * j + c] = total - nodes.mass[j] * (new + nodes.damping * work.u[c, j])
+
+
+@compiled(inline="always")
+def _forces_and_tangent(elements, nodes, air, attached, tables, i, step, state, work, newton):
+    """Fill right side and tangent of an iteration for step `i` of the tables; return whether the stretch is below 1 anywhere."""
+    rate, u, force, block = 2.0 / step, work.u, work.force, newton.block
+    _rates(state.v, newton.increment, step, u)
+    _set_end_rates(elements, tables.end_rates, i, u)
+    below = _stresses(elements, work.position, work)
+    _clear(force)
+    _clear(block)
+    assign(newton.band, newton.base)
+    if nodes.modal.matrix.size:
+        damping_forces(nodes.modal, u, elements.first, newton.right, force)
+    if air is not None:
+        add_drag(elements, air, tables.places[i], u, work.g, force, rate, block)
+    if attached is not None:
+        attached_forces(work.position, u, attached.particles, attached.numbers, force)
+        attached_tangent(attached.particles, attached.numbers, 1.0, rate, block)
+    if air is not None or attached is not None:
+        _add_blocks(block, newton.band)
+    _axial_tangent(elements, rate, work.square, work.s, newton.b)
+    _add_tangent(elements, rate, work.g, work.s, newton.b, work.nodal, newton.line, newton.band)
+    _add_forces(elements, work)
+    _residual(elements, nodes, tables.factors, i, step, state, work, newton)
+    return below
+
+
+@compiled(counted=False)
+def _correct(elements, x, newton, trial):
+    """Correct the increments and the positions after a step; return the largest correction [m], nan for a nan."""
+    dims, largest = x.shape[0], 0.0
+    for c in range(dims):
+        for j in range(elements.first, elements.last):
+            correction = newton.right[dims * j + c]
+            newton.increment[c, j] += correction
+            trial[c, j] = x[c, j] + newton.increment[c, j]
+            if not abs(correction) <= largest:  # also for nan
+                largest = abs(correction)
+    return largest
+
+
+@compiled(noalias=True, counted=False)
+def _accept(state, step, increment, trial):
+    """Go on to the end of a step."""
+    v, a, inertia = state.v, state.a, 4.0 / (step * step)
     for c in range(v.shape[0]):
         for j in range(v.shape[1]):
-            increment[c, j] = step * v[c, j]
-            if has_acceleration:
-                increment[c, j] += 0.5 * step * step * a[c, j]
-            trial[c, first + j] = x[c, first + j] + increment[c, j]
+            new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]
+            v[c, j] = 2.0 * increment[c, j] / step - v[c, j]
+            a[c, j] = new
+    assign(state.x, trial)
 
 
-@compiled
-def trapezoidal(
-    x, v, a, first, d, weight, scale, unrolled, stiffness, green, ratios, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, modal, particles, numbers, wind, wind_places, drag, bodies, rows, columns, ends, end_rates, step,
-    tolerance, bound, start, steps, save_steps, saved, link_element, link_rows, low, high, slack,
-):  # fmt: skip
-    """Advance a cable by `steps` steps of the trapezoidal rule (average acceleration), each solved by Newton's method.
+@compiled(inline="always")
+def _note(elements, tables, i, state, record, saved, u):
+    """Keep what is wanted of the state at the beginning of step `i`; returns how many steps are saved by then."""
+    if record.low.size:
+        assign(u, state.v)
+        _set_end_rates(elements, tables.end_rates, i, u)
+        _extremes(elements, state.x, u, record)
+    if saved == record.steps.size or record.steps[saved] != record.start + i:
+        return saved
+    assign(record.saved[saved, 0], state.x)
+    assign(record.saved[saved, 1], state.v)
+    assign(record.saved[saved, 2], state.a)
+    return saved + 1
+
+
+@compiled(counted=False)
+def trapezoidal(elements, nodes, air, attached, tables, step, tolerance, bound, state, record, work, newton):
+    """Advance a cable by the steps of the tables, by the trapezoidal rule (average acceleration) and Newton's method.
 
     Parameters
     ----------
-    x : float array (dims, N)
-        Positions [m]; advanced in place.
-    v, a : float arrays (dims, m)
-        Velocities [m/s] and accelerations [m/s^2] of the free nodes; advanced in place.
-    mass, damping : float array (m,), float
-        Mass [kg]; damping per mass [1/s], 0 without.
-    loads : float array (dims, m)
-        Constant loads [N].
-    modal : NodalDamping
-        Damping by ratios, see :class:`cablepod.discretisation._modal_damping.NodalDamping`; it needs `end_rates`.
-    wind_places : float array (steps + 1,) or None
-        Places of the steps between the samples of the wind.
-    end_rates : float array (steps + 1, 2, dims)
-        Velocities of both ends [m/s]; of no steps where no force depends on velocities.
+    elements, nodes, air, attached, tables, state, record, work, newton
+        See :mod:`cablepod.cable._kernels_arguments`; `work.position` is that of the state.
+    step : float
+        Time step [s].
     tolerance : float
         Tolerance of the last Newton correction [m].
     bound : float
         Coordinate above which the cable is considered divergent [m].
-    saved : float array (saves, 3, dims, N)
-        Filled with positions, velocities and accelerations.
-
-    All other parameters are those of :func:`cablepod.cable._kernels_explicit.verlet`.
 
     Returns
     -------
     tuple of int
-        Number of completed steps, fewer than `steps` if Newton's method did not converge (the state is then that before the
-        failed step) or the last of them left the bound, and number of iterations.
+        Number of completed steps, fewer than those of the tables if Newton's method did not converge (the state is then that
+        before the failed step) or the last of them left the bound, and number of iterations.
     """
-    dims, m = v.shape
-    last = x.shape[1] - 1
-    shape = (weight.size, scale.size)
-    f = np.zeros(x.shape)
-    g, g_dot = np.zeros((dims, *shape)), np.zeros((dims, *shape))
-    square, stretching, s, b = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    nodal, coefficient, line = np.zeros(shape), np.zeros(shape), np.zeros(scale.size)
-    d_transposed, pairs = np.ascontiguousarray(d.T), _pairs(d)
-    height = _column_heights(first, m, weight.size - 1, dims)
-    band, right = np.zeros((dims * m, dims * weight.size)), np.zeros(dims * m)
-    increment, trial, u = np.zeros((dims, m)), x.copy(), np.zeros(x.shape)
-    own, attached_force = np.zeros((dims * (dims + 1) // 2, last + 1)), np.zeros(x.shape)
-    inertia, velocity_factor = 4.0 / (step * step), 2.0 / step
-    air_force, air_tangent, s_tangent = np.zeros(x.shape), np.zeros((dims, dims, last + 1)), s
-    if tension_damping > 0.0:
-        s_tangent = np.zeros(shape)
-    damping_force, lag = np.zeros(x.shape), modal.half_ratio * velocity_factor * velocity_factor
-    is_linear = wind is not None or modal.matrix.size > 0
-    needs_rates = end_rates.size > 0
-    iterations, save, has_acceleration = 0, 0, True
+    trial, dims, steps = work.position, state.x.shape[0], tables.ends.shape[1] - 1
+    is_linear = air is not None or nodes.modal.matrix.size > 0
+    iterations, saved, has_acceleration = 0, 0, True
     for i in range(steps):
-        if save < save_steps.size and save_steps[save] == start + i:
-            assign(saved[save, 0], x)
-            assign(saved[save, 1, :, first : first + m], v)
-            assign(saved[save, 2, :, first : first + m], a)
-            save += 1
-        if low.size > 0:
-            if needs_rates:  # of which the viscosity takes the velocities
-                for c in range(dims):
-                    u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
-                assign(u[:, first : first + m], v)
-            _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, ratios, viscosity, low, high)
-        for q in range(rows.size):
-            trial[rows[q], columns[q]] = ends[q, i + 1]
-        converged, below, before, started = False, False, 0.0, has_acceleration
+        saved = _note(elements, tables, i, state, record, saved, work.u)
+        below, before, started = False, 0.0, has_acceleration
         for k in range(MAX_ITERATIONS):
             iterations += 1
             has_acceleration = has_acceleration and k < MANY_ITERATIONS
             if k == 0 or (k == MANY_ITERATIONS and started):
-                _predict(x, v, a, first, step, has_acceleration, increment, trial)
-            for c in range(dims):
-                _gradient(trial[c], d, scale, unrolled, nodal, g[c])
-            _products(g, g, square)
-            if needs_rates:
-                for c in range(dims):
-                    u[c, 0], u[c, last] = end_rates[i + 1, 0, c], end_rates[i + 1, 1, c]
-                    for j in range(m):
-                        u[c, first + j] = 2.0 * increment[c, j] / step - v[c, j]
-                    _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
-                _products(g, g_dot, stretching)
-            if wind is not None:
-                _nodal_drag(u, g, wind, wind_places[i + 1], drag, ratios, weight, scale, air_force, air_tangent)
-            below = _law(square, stretching, weight, stiffness, green, viscosity, s)
-            _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b)
-            if ratios is not None:
-                _scale_elements(s, ratios[0])
-                _scale_elements(b, ratios[0])
-            band[:] = 0.0
-            if modal.matrix.size > 0:
-                for row in range(band.shape[0]):
-                    for column in range(band.shape[1]):
-                        band[row, column] = modal.stiffness[row, column]
-                damping_forces(modal, u, first, np.empty(u.size), damping_force)
-            if bodies is not None:
-                own[:] = 0.0
-                add_bodies(u, wind, wind_places[i + 1], bodies, air_force, velocity_factor, own)
-                _add_blocks(own, first, band)
-            if tension_damping > 0.0:
-                for q in range(weight.size):
-                    for e in range(scale.size):
-                        s_tangent[q, e] = s[q, e] + max(s[q, e], 0.0) * tension_damping * velocity_factor
-            _tangent(g, s_tangent, b, pairs, scale, unrolled, first, line, coefficient, band)
-            for c in range(dims):
-                if tension_damping > 0.0:
-                    _add_tension_damping(g[c], g_dot[c], s, tension_damping)
-                _assemble(g[c], s, d_transposed, unrolled, nodal, f[c])
-                for j in range(m):
-                    total = f[c, first + j] + loads[c, j]
-                    if wind is not None:
-                        total += air_force[c, first + j]
-                        for k in range(c, dims):
-                            band[dims * j + c, k - c] += velocity_factor * air_tangent[c, k, first + j]
-                    for load in range(patterns.shape[0]):
-                        total += factors[i + 1, load] * patterns[load, c, j]
-                    new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]
-                    total += damping_force[c, first + j]
-                    total -= damping * mass[j] * (2.0 * increment[c, j] / step - v[c, j])
-                    right[dims * j + c] = total - mass[j] * new
-                    band[dims * j + c, 0] += mass[j] * (inertia + damping * velocity_factor + lag)
-            if particles is not None:
-                attached_force[:] = 0.0
-                attached_forces(trial, u, particles, numbers, attached_force)
-                own[:] = 0.0
-                attached_tangent(particles, numbers, 1.0, velocity_factor, own)
-                _add_blocks(own, first, band)
-                for k in range(particles.size):
-                    for c in range(dims):
-                        right[dims * (particles[k] - first) + c] += attached_force[c, particles[k]]
-            _solve(band, height, right)
-            norm = 0.0
-            for c in range(dims):
-                for j in range(m):
-                    correction = right[dims * j + c]
-                    increment[c, j] += correction
-                    trial[c, first + j] = x[c, first + j] + increment[c, j]
-                    if not abs(correction) <= norm:  # also for nan
-                        norm = abs(correction)
+                _predict(tables, i + 1, state, step, has_acceleration, newton.increment, trial)
+            below = _forces_and_tangent(elements, nodes, air, attached, tables, i + 1, step, state, work, newton)
+            _solve(dims * elements.first, dims * elements.last, newton.band, newton.height, newton.right)
+            largest = _correct(elements, state.x, newton, trial)
             # the tangent leaves out that the drag turns with the cable, and approximates the damping by ratios: what remains is
-            # norm^2 / before, not the square of norm
-            remainder = (norm * norm / before if before > norm else norm) if is_linear else 0.0
-            if norm <= tolerance and remainder <= REMAINDER * tolerance:
-                converged = True
+            # largest^2 / before, not the square of largest
+            remainder = (largest * largest / before if before > largest else largest) if is_linear else 0.0
+            if largest <= tolerance and remainder <= REMAINDER * tolerance:
                 break
-            if not norm < 1e300 and not has_acceleration:
-                break
-            before = norm
-        if not converged:
+            if not largest < 1e300 and not has_acceleration:
+                return i, iterations
+            before = largest
+        else:
             return i, iterations
         has_acceleration = has_acceleration or (not started and k >= MANY_ITERATIONS)
         if below:
-            _record_slack(square, start + i + 1, slack)
-        for c in range(dims):
-            for j in range(m):
-                new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]
-                v[c, j] = 2.0 * increment[c, j] / step - v[c, j]
-                a[c, j] = new
-        assign(x, trial)
-        if not _is_inside(x, bound):
+            _record_slack(work.square, record.start + i + 1, record.slack)
+        _accept(state, step, newton.increment, trial)
+        if not _is_inside(state.x, bound):
             return i + 1, iterations
     return steps, iterations

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cablepod._resources import check_memory
+from cablepod.cable._kernels_arguments import Elements
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
@@ -179,15 +180,15 @@ class SpectralMesh(LumpedChain):
         return LumpedChain(self.p, np.diff(self.particles), self.particles, scene_length=self.scene_length).own_masses
 
     @cached_property
-    def law_arguments(self) -> tuple[Any, ...]:
-        """Arguments d, weight, scale, stiffness, green and ratios of the kernels."""
-        _, weight, d = gll_rule(self.order)
-        return np.array(d), np.array(weight), self.scale, self.p.stiffness, self.green, self.ratios
-
-    @cached_property
-    def unrolled(self) -> tuple[float, ...] | None:
-        """Tuple of one entry per node, from which kernels unroll loops; only for the default order, as each compiles anew."""
-        return (0.0,) * (ORDER + 1) if self.order == ORDER else None
+    def arguments(self) -> Elements:
+        """Elements and law as the kernels take them."""
+        free, (_, weight, d) = self.free_particles, gll_rule(self.order)
+        # loops are unrolled for the default order only, as each compiles anew
+        nodes = (0.0,) * (ORDER + 1) if self.order == ORDER else np.empty(self.order + 1)
+        transposed = np.ascontiguousarray(d.T)
+        arrays = np.array(d), transposed, transposed[:, None] * transposed, np.array(weight), self.scale
+        law = self.element_stiffness, self.green, *rate_dampings(self.p)
+        return Elements(free.start, free.stop, nodes, *arrays, *law)
 
     def tensions_and_forces(
         self, position: np.ndarray, velocity: np.ndarray | None = None

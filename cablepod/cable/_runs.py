@@ -11,6 +11,19 @@ import numpy as np
 
 from cablepod.cable._air import MeshAir
 from cablepod.cable._equilibrium import solve_equilibrium, tangent_stiffness
+from cablepod.cable._kernels_arguments import (
+    NOTHING,
+    Air,
+    Attached,
+    ExplicitState,
+    Newton,
+    Nodes,
+    NodesInStep,
+    Record,
+    State,
+    Tables,
+    Work,
+)
 from cablepod.cable._mesh import SpectralMesh, rate_dampings
 from cablepod.cable._start import catenary_nodes
 from cablepod.chain._explicit import ExplicitChainRun
@@ -84,62 +97,46 @@ class ExplicitCableRun(ExplicitChainRun):
         instants = self.instants(steps_per_second)
         total = int(instants.steps[-1]) + 1
         step = 1.0 / steps_per_second
-        mass = mesh.mass[free]
         damping_factor, impulse = decay_and_impulse(p.mass_damping or 0.0, step)
-        per_mass = impulse / mass
+        per_mass = np.zeros(mesh.links + 1)
+        per_mass[free] = impulse / mesh.mass[free]
         x = np.ascontiguousarray(self.initial.T)
+        v = np.zeros_like(x)
         back = half_step_back(p.mass_damping or 0.0, step)[1]
-        v = np.ascontiguousarray((back * self.first_force()[free] / mass[:, None]).T)
+        v[:, free] = back * self.first_force()[free].T / mesh.mass[free]
         # so that the predicted velocity 1.5 v - 0.5 v_before is zero at the start
-        v_before = 3.0 * v if p.link_viscosity is not None or p.tension_damping is not None else None
-        needs_rates = v_before is not None or self.air is not None
-        attached = (None, None) if self.attached is None else (self.attached.particles, self.attached.numbers)
-        load_increment = np.ascontiguousarray((per_mass[:, None] * mesh.loads()[free]).T)
-        wind: tuple[Any, ...] = None, None, None, 0.0, 1, None, None
+        v_before = 3.0 * v if any(rate_dampings(p)) else np.empty((0, 0))
+        load_increment, hold = np.ascontiguousarray(per_mass * mesh.loads().T), 1
         if self.air is not None:
             hold = self.air.hold(float(mesh.tensions_and_forces(self.initial)[0].max()), step, float(self.times[-1]))
-            air = self.air.velocity, self.air.drag, self.air.bodies, self.air.samples_per_second
-            wind = *air, hold, np.zeros_like(v), np.zeros_like(v)
         varying = mesh.time_dependent_loads()
-        patterns = np.array([pattern[free].T for pattern, _ in varying]).reshape(len(varying), *v.shape)
-        saved = np.empty((instants.steps.size, p.dims, mesh.links + 1))
-        half_step_rates = np.empty((instants.steps.size if self.wants_velocity(instants) else 0, 2, *v.shape))
-        extremes = self.extremes()
-        low, high = extremes or (np.empty(0), np.empty(0))
-        d, weight, scale, stiffness, green, ratios = mesh.law_arguments
-        element, rows = mesh.link_rows
-        slack, bound, end_places = np.array(NO_SLACK), self.divergence_bound, mesh.end_places
+        patterns = np.array([pattern.T for pattern, _ in varying]).reshape(len(varying), *x.shape)
+        nodes = NodesInStep(per_mass, damping_factor, load_increment, patterns)
+        saved = np.zeros((instants.steps.size, 3 if self.wants_velocity(instants) else 1, *x.shape))
+        half_step_rates = saved[:, 1:] if saved.shape[1] > 1 else None
+        extremes, slack, bound = self.extremes(), np.array(NO_SLACK), self.divergence_bound
+        low, high = extremes or (NOTHING, NOTHING)
+        state, work = ExplicitState(x, v, v_before, *np.zeros((2, *x.shape))), Work.of(mesh.arguments, x)
+        on_nodes = _on_nodes(self, hold)
 
         def advance(start: int, steps: int) -> bool:
             first, last = np.searchsorted(instants.steps, (start, start + steps))
+            record = Record(start, instants.steps[first:last], saved[first:last], *mesh.link_rows, low, high, slack)
             time = np.arange(start, start + steps + 1) / steps_per_second
-            kernel.verlet(
-                x, v, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios, per_mass, load_increment, step,
-                damping_factor, *end_places, p.end_coordinates_at_steps(start, steps, steps_per_second), patterns,
-                _factors(varying, time), *rate_dampings(p), *attached, v_before, *wind,
-                p.end_positions(time, 1) if needs_rates else None, steps, start, instants.steps[first:last],
-                saved[first:last], half_step_rates[first:last], element, rows, low, high, slack,
-            )  # fmt: skip
+            ends = p.end_coordinates_at_steps(start, steps, steps_per_second)
+            tables = _tables(self, ends, varying, time, time - 0.5 * step)
+            kernel.verlet(mesh.arguments, nodes, *on_nodes, tables, step, state, record, work)
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
-        state = (x, v, slack, *(() if v_before is None else (v_before,)), *(() if self.air is None else wind[5:]))
         watch = self.watch(steps_per_second, total, extremes)
-        failed_step = advance_in_blocks(advance, state, total, self.progress, watch)
+        failed_step = advance_in_blocks(advance, (*state, slack), total, self.progress, watch)
         if failed_step is not None:
-            self._stop(instants, saved, self._of_all_nodes(half_step_rates), failed_step, steps_per_second)
-        peaks = None if watch is None else watch.finish(advance, state, steps_per_second)
-        result = self._gather(instants, saved, self._of_all_nodes(half_step_rates), extremes)
+            self._stop(instants, saved[:, 0], half_step_rates, failed_step, steps_per_second)
+        peaks = None if watch is None else watch.finish(advance, (*state, slack), steps_per_second)
+        result = self._gather(instants, saved[:, 0], half_step_rates, extremes)
         result = replace(with_slack(result, mesh, slack), peak_times=peaks)
         self._check_limit(result)
         return self.check_energy(result)
-
-    def _of_all_nodes(self, half_step_rates: np.ndarray) -> np.ndarray | None:
-        """Velocities of all nodes (saves, 2, dims, nodes) from those of the free nodes; 0 at held nodes."""
-        if len(half_step_rates) == 0:
-            return None
-        result = np.zeros((*half_step_rates.shape[:3], self.chain.links + 1))
-        result[..., self.chain.free_particles] = half_step_rates
-        return result
 
 
 class ImplicitCableRun(ImplicitChainRun):
@@ -188,8 +185,10 @@ class _CableStepper(ImplicitStepper):
 
     def __init__(self, run: ImplicitCableRun, instants: OutputTimes) -> None:
         super().__init__(run, instants)
-        self.slack = np.array(NO_SLACK)
-        self.element, self.rows = run.chain.link_rows
+        self.slack, elements = np.array(NO_SLACK), run.chain.arguments
+        patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
+        self.nodes = Nodes(self.mass, run.chain.p.mass_damping or 0.0, self.loads, patterns, self.modal)
+        self.work, self.newton = Work.of(elements, self.x), Newton.of(elements, len(self.x))
 
     @property
     def state(self) -> tuple[np.ndarray, ...]:
@@ -209,37 +208,45 @@ class _CableStepper(ImplicitStepper):
     def _kernel(self, time: np.ndarray, step: float, start: int, save: np.ndarray, at: int) -> int:
         from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
 
-        run, mesh, p = self.run, self.run.chain, self.run.chain.p
-        low, high = self.extremes or (np.empty(0), np.empty(0))
-        d, weight, scale, stiffness, green, ratios = mesh.law_arguments
+        run, mesh, ends = self.run, self.run.chain, self.run.chain.p.end_positions(time)
         rows, columns = mesh.end_places
-        ends = p.end_positions(time)
-        end_table = np.array([ends[:, -1 if column else 0, row] for row, column in zip(rows, columns, strict=True)])
+        end_table = np.ascontiguousarray(ends[:, np.minimum(columns, 1), rows].T)
         # current positions and those of the ends in these steps, as the cable may have moved far from its initial shape
         largest = max(float(np.abs(self.x).max()), float(np.abs(end_table).max(initial=0.0)))
         rounding = ROUNDING * min(run.divergence_bound, largest)
-        # the kernel takes arrays of the free nodes only
-        free = mesh.free_particles
-        v, a, loads = (np.ascontiguousarray(nodal[:, free]) for nodal in (self.v, self.a, self.loads))
-        patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
-        air = run.air
-        wind: tuple[Any, ...] = None, None, None, None
-        if air is not None:
-            wind = air.velocity, time * air.samples_per_second, air.drag, air.bodies
-        needs_rates = p.link_viscosity is not None or p.tension_damping is not None or air is not None
-        needs_rates = needs_rates or p.damping_ratios is not None or run.attached is not None
-        attached = (None, None) if run.attached is None else (run.attached.particles, run.attached.numbers)
+        tolerance = max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding)
+        tables = _tables(run, end_table, self.varying, time, time)
+        low, high = self.extremes or (NOTHING, NOTHING)
+        record = Record(start, save, self.saved[at : at + save.size], *mesh.link_rows, low, high, self.slack)
+        self.work.position[:] = self.x
+        self.newton.start_tangent(mesh.arguments, self.nodes, step)
         done, iterations = kernel.trapezoidal(
-            self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green, ratios,
-            self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
-            _factors(self.varying, time), *rate_dampings(p), self.modal, *attached, *wind, rows, columns,
-            end_table.reshape(rows.size, time.size), p.end_positions(time if needs_rates else time[:0], 1), step,
-            max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound,
-            start, time.size - 1, save, self.saved[at : at + save.size], self.element, self.rows, low, high, self.slack,
+            mesh.arguments, self.nodes, *_on_nodes(run), tables, step, tolerance, run.divergence_bound,
+            State(self.x, self.v, self.a), record, self.work, self.newton,
         )  # fmt: skip
-        self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations
         return done
+
+
+def _on_nodes(run: CableRun, hold: int = 1) -> tuple[Air | None, Attached | None]:
+    """Return the wind, whose drag is held for a number of steps, and dampers and springs; None without."""
+    air, attached = run.air, run.attached
+    bodies = NOTHING if air is None or air.bodies is None else air.bodies
+    return (
+        None if air is None else Air(air.velocity, air.element_drag, bodies, hold),
+        None if attached is None else Attached(attached.particles, attached.numbers),
+    )
+
+
+def _tables(run: CableRun, ends: np.ndarray, varying: list[Any], time: np.ndarray, wind_time: np.ndarray) -> Tables:
+    """Return what changes from step to step, for prescribed coordinates (moving, steps + 1) and time-dependent loads.
+
+    Times [s] are those of the steps, and those at which they take the wind.
+    """
+    p, air = run.chain.p, run.air
+    factors = np.stack([factor(time) for _, factor in varying], axis=1) if varying else np.zeros((time.size, 0))
+    places = NOTHING if air is None else wind_time * air.samples_per_second
+    return Tables(*run.chain.end_places, ends, p.end_positions(time, 1), factors, places)
 
 
 def _band(matrix: np.ndarray, width: int) -> np.ndarray:
@@ -248,8 +255,3 @@ def _band(matrix: np.ndarray, width: int) -> np.ndarray:
     for k in range(min(width, len(matrix))):
         result[: len(matrix) - k, k] = np.diagonal(matrix, -k)
     return result
-
-
-def _factors(varying: list[Any], time: np.ndarray) -> np.ndarray:
-    """Time factors of the time-dependent loads (times, loads)."""
-    return np.stack([factor(time) for _, factor in varying], axis=1) if varying else np.zeros((time.size, 0))

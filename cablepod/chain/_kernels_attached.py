@@ -18,15 +18,12 @@ COLUMNS = 10
 
 
 @compiled(inline="always")
-def note_along(x, v, first, particles, numbers):
-    """Keep velocity half a step before and displacement along each direction, before a step.
-
-    Positions `x` (dims, n + 1) are of all particles, velocities `v` of those from `first` on.
-    """
+def note_along(x, v, particles, numbers):
+    """Keep velocity half a step before and displacement along each direction, before a step; x and v are (dims, n + 1)."""
     for m in range(particles.size):
         j, before, stretch = particles[m], 0.0, 0.0
         for c in range(x.shape[0]):
-            before += numbers[m, DIRECTION + c] * v[c, j - first]
+            before += numbers[m, DIRECTION + c] * v[c, j]
             stretch += numbers[m, DIRECTION + c] * (x[c, j] - numbers[m, REST + c])
         numbers[m, BEFORE], numbers[m, STRETCH] = before, stretch
 
@@ -63,19 +60,19 @@ def _velocity_change(after, before, pull, damper, per_mass):
 
 
 @compiled(inline="always")
-def apply_along(x, v, first, particles, numbers, per_mass, impulse, step):
+def apply_along(x, v, particles, numbers, per_mass, impulse, step):
     """Add dampers and springs to the velocities half a step after, and to the positions of the next step.
 
-    Step over mass is `per_mass` of the particles from `first` on, times `impulse`.
+    Step over mass is `per_mass` times `impulse`.
     """
     for m in range(particles.size):
         j, after = particles[m], 0.0
         for c in range(x.shape[0]):
-            after += numbers[m, DIRECTION + c] * v[c, j - first]
+            after += numbers[m, DIRECTION + c] * v[c, j]
         pull = numbers[m, SPRING] * numbers[m, STRETCH]
-        change = _velocity_change(after, numbers[m, BEFORE], pull, numbers[m, DAMPER], impulse * per_mass[j - first])
+        change = _velocity_change(after, numbers[m, BEFORE], pull, numbers[m, DAMPER], impulse * per_mass[j])
         for c in range(x.shape[0]):
-            v[c, j - first] += numbers[m, DIRECTION + c] * change
+            v[c, j] += numbers[m, DIRECTION + c] * change
             x[c, j] += step * (numbers[m, DIRECTION + c] * change)
 
 

@@ -7,7 +7,7 @@ from cablepod._jit import REORDERED, compiled
 
 @compiled(fastmath=REORDERED)
 def damping_forces(modal, rates, first, relative, forces):
-    """Fill the damping forces of the free nodes in `forces` (dims, N) [N]: -C times velocities relative to the line of the ends.
+    """Add the damping forces of the free nodes to `forces` (dims, N) [N]: -C times velocities relative to the line of the ends.
 
     The line between the ends moves with them.
 
@@ -22,7 +22,7 @@ def damping_forces(modal, rates, first, relative, forces):
     relative
         Work array (unknowns or more,).
     forces
-        Those of held nodes are left alone.
+        Added to; those of held nodes are left alone.
     """
     dims, last = rates.shape[0], rates.shape[1] - 1
     size = modal.matrix.shape[0]
@@ -35,4 +35,4 @@ def damping_forces(modal, rates, first, relative, forces):
             row, total = dims * j + c, 0.0
             for k in range(size):
                 total += modal.matrix[row, k] * relative[k]
-            forces[c, first + j] = -total
+            forces[c, first + j] -= total

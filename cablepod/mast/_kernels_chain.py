@@ -67,13 +67,13 @@ def _fill_drag(x, v, particles, wind, place, g, drags):
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
 def _note_attached(x, v, particles, numbers):
     """Do :func:`note_along` in a kernel of its own: the loops over links remain vectorised."""
-    note_along(x, v, 0, particles, numbers)
+    note_along(x, v, particles, numbers)
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
 def _apply_attached(x, v, particles, numbers, per_mass, impulse, step):
     """Do :func:`apply_along` in a kernel of its own, as well."""
-    apply_along(x, v, 0, particles, numbers, per_mass, impulse, step)
+    apply_along(x, v, particles, numbers, per_mass, impulse, step)
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)

@@ -91,12 +91,25 @@ for dims in (2, 3):
         scene = cp.ensemble.design(scene, windy(dims), members=1, sampling="list").isel(member=0)
         cp.chain.simulate(scene, step=1e-3, times=[0.0, 0.05], outputs=outputs)
 """,
+    "cable": """
+for dims in (2, 3):
+    scene = scenes_of(dims, 3, 1).isel(member=0)
+    damped = scene.assign(damping_tension_proportional=((), 1e-3, {"units": "s"}))
+    scene = cp.ensemble.design(scene, windy(dims), members=1, sampling="list").isel(member=0)
+    outputs = ("position", "velocity", "tension_extremes")
+    for law in ("linear", "green"):
+        for each in (scene, damped):
+            for scheme, step in (("velocity_verlet", 1e-3), ("trapezoidal", 0.05)):
+                options = {"scheme": scheme, "law": law, "step": step, "elements": 2, "order": 2, "outputs": outputs}
+                cp.cable.simulate(each, times=[0.0, 0.1], **options)
+""",
 }
 #: Kernels that each run must call.
 KERNELS = {
     "condensed": (
         "_kernels_closure", "_kernels_recorder", "_kernels_explicit", "_kernels_frame", "_kernels_sines", "_kernels_error",
     ),
+    "cable": ("_kernels_forces", "_kernels_explicit", "_kernels_trapezoidal"),
     "chain": ("_kernels_links", "_kernels_banded", "_kernels_newton", "_kernels_implicit", "_kernels_drag"),
 }  # fmt: skip
 
