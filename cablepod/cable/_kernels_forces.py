@@ -8,7 +8,13 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import compiled
-from cablepod.discretisation._kernels_laws import green_secant, linear_secant, taut_secant, viscous_secant
+from cablepod.discretisation._kernels_laws import (
+    damping_by_tension,
+    green_secant,
+    linear_secant,
+    taut_secant,
+    viscous_secant,
+)
 
 
 @compiled(noalias=True, counted=False)
@@ -85,8 +91,7 @@ def _add_tension_damping(g, g_dot, s, tension_damping):
     """Add the damping by the tension to g (points, elements): tension_damping times its rate, 0 where the cable is slack."""
     for q in range(g.shape[0]):
         for e in range(g.shape[1]):
-            if s[q, e] > 0.0:
-                g[q, e] += tension_damping * g_dot[q, e]
+            g[q, e] += damping_by_tension(g_dot[q, e], s[q, e], tension_damping)
 
 
 @compiled(noalias=True, counted=False)

@@ -19,6 +19,7 @@ from cablepod.cable._kernels_forces import (
     _stresses,
 )
 from cablepod.chain._kernels_attached import attached_forces, attached_tangent
+from cablepod.discretisation._kernels_laws import damping_by_tension
 from cablepod.discretisation._kernels_modal_damping import damping_forces
 from cablepod.integrate._kernels_assign import assign
 
@@ -50,14 +51,14 @@ def _axial_tangent(elements, rate, square, s, b):
 @compiled(noalias=True, counted=False)
 def _add_tangent(elements, rate, g, s, b, coefficient, line, band):
     """Add the tangent stiffness of all elements to the band; `coefficient` (p + 1, elements) is a work array."""
-    dims, count, size, damping = g.shape[0], len(elements.nodes), elements.scale.size, elements.tension_damping * rate
+    dims, count, size, damping = g.shape[0], len(elements.nodes), elements.scale.size, elements.tension_damping
     for c in range(dims):
         for k in range(c + 1):
             for q in range(count):
                 for e in range(size):
                     coefficient[q, e] = b[q, e] * g[c, q, e] * g[k, q, e]
                     if c == k:
-                        coefficient[q, e] += s[q, e] + max(s[q, e], 0.0) * damping
+                        coefficient[q, e] += s[q, e] + damping_by_tension(s[q, e] * rate, s[q, e], damping)
             for i in range(count):
                 for j in range(i + 1 if c == k else count):
                     for e in range(size):

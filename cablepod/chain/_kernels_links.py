@@ -8,7 +8,13 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import compiled
-from cablepod.discretisation._kernels_laws import green_secant, linear_secant, taut_secant, viscous_secant
+from cablepod.discretisation._kernels_laws import (
+    damping_by_tension,
+    green_secant,
+    linear_secant,
+    taut_secant,
+    viscous_secant,
+)
 
 #: A link of this squared length over the unstretched one is taut, whatever the rounding.
 TAUT = 1.0 + 1e-12
@@ -141,7 +147,7 @@ def _add_tension_damping(sizes, chain, rates, rate, t, f, s):
     for c in range(dims):
         at = c * (n + lanes)
         for q in range(n):
-            damping = chain.tension_damping[q] * max(t[q], 0.0)
+            damping = damping_by_tension(t[q], t[q], chain.tension_damping[q])
             f[at + lanes + q] += damping * (rates[at + lanes + q] - rates[at + q])
             s[row + q] += damping * rate
         row += (dims - c) * (n + 2 * lanes)

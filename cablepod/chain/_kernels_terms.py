@@ -37,7 +37,13 @@ from cablepod.chain._kernels_layout import (
     Y,
     Z,
 )
-from cablepod.discretisation._kernels_laws import green_secant, linear_secant, taut_secant, viscous_secant
+from cablepod.discretisation._kernels_laws import (
+    damping_by_tension,
+    green_secant,
+    linear_secant,
+    taut_secant,
+    viscous_secant,
+)
 
 
 @compiled(inline="always")
@@ -89,7 +95,7 @@ def _add_tension_damping(s, links, tension_damping, spatial):
         along = s[FX, j + 1] * dx + s[FY, j + 1] * dy
         if spatial is not None:
             along += s[FZ, j + 1] * dz
-        damping = tension_damping * along / square if along > 0.0 else 0.0
+        damping = damping_by_tension(along / square, along, tension_damping)
         s[FX, j + 1] += damping * (s[UX, j + 1] - s[UX, j])
         s[FY, j + 1] += damping * (s[UY, j + 1] - s[UY, j])
         if spatial is not None:

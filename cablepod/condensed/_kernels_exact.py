@@ -22,7 +22,7 @@ from cablepod.condensed._kernels_layout import (
 from cablepod.condensed._kernels_rates import _add_held_drag, _subtract_modal_damping
 from cablepod.condensed._kernels_recorder import _monitor_frequency
 from cablepod.discretisation._kernels_dense import _solve
-from cablepod.discretisation._kernels_laws import green_secant, linear_secant
+from cablepod.discretisation._kernels_laws import damping_by_tension, green_secant, linear_secant
 
 # --- forces -----------------------------------------------------------------------------------------------------------
 
@@ -178,9 +178,9 @@ def _subtract_tension_damping(terms, tension_damping, rates, work, f):
     """
     stiffness = work.closure[WEIGHTED_STIFFNESS]
     for j in range(stiffness.size):
-        stiffness[j] = max(stiffness[j], 0.0)
+        stiffness[j] = damping_by_tension(stiffness[j], stiffness[j], tension_damping)
     _sum_slopes(terms, rates, work.slope_rate)
-    _subtract_projection(terms, tension_damping, stiffness, work.slope_rate, f)
+    _subtract_projection(terms, 1.0, stiffness, work.slope_rate, f)
 
 
 # --- monitor and tensions ---------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from cablepod._jit import FUSED, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions, _geometric_forces
 from cablepod.condensed._kernels_drag import _add_body_drag, _add_drag_at, _extrapolate_drag, _weights_of_drag
 from cablepod.condensed._kernels_layout import Sizes
+from cablepod.discretisation._kernels_laws import damping_by_tension
 
 
 @compiled(fastmath=FUSED, noalias=True, forceinline=True, counted=False)
@@ -14,10 +15,10 @@ def _add_rate_forces(sizes, terms, rate_terms, row, tension, u, work, f):
 
     Damping by the tension is beta times the geometric stiffness, and none where the cable is slack.
     """
-    if rate_terms.tension_damping > 0.0 and tension[0] > 0.0:
+    if rate_terms.tension_damping > 0.0:
         _geometric_forces(sizes, terms, row, tension, u, work)
         for j in range(len(sizes.modes)):
-            f[j] -= rate_terms.tension_damping * work[j]
+            f[j] -= damping_by_tension(work[j], tension[0], rate_terms.tension_damping)
     _subtract_modal_damping(rate_terms.modal_damping, u, f)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
-from cablepod.discretisation._formulas import green_secant
+from cablepod.discretisation._formulas import damping_by_tension, green_secant
 from cablepod.discretisation._laws import (
     LAWS,
     strain_energy_density,
@@ -261,7 +261,7 @@ class LumpedChain:
             secant = taut_secant(stretched, length, stiffness, p.link_viscosity, stretching)
         force = secant[..., None] * reach
         if rate is not None and p.tension_damping is not None:
-            force += p.tension_damping * np.maximum(secant, 0.0)[..., None] * rate
+            force += secant[..., None] * damping_by_tension(rate, secant[..., None], p.tension_damping)
         return secant * stretched, force
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:

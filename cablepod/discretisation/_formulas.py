@@ -27,3 +27,11 @@ def viscous_secant(elastic: Any, rate: Any, square: Any, damping: Any) -> Any:
     stiffness.
     """
     return elastic + damping * rate / square
+
+
+def damping_by_tension(rate: Any, tension: Any, damping: Any) -> Any:
+    """Return `damping` [s] times the rate of what a tension acts on, 0 without tension; it acts on the sum of both.
+
+    The tension may be given by anything that has its sign, such as T / xi.
+    """
+    return damping * rate * (tension > 0.0)

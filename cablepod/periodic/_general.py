@@ -12,6 +12,7 @@ import numpy as np
 
 from cablepod.condensed._fields import close
 from cablepod.condensed._kernels_layout import RateTerms
+from cablepod.discretisation._formulas import damping_by_tension
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import Forces, Solver, State, basis_at, rates_of
 
@@ -71,12 +72,6 @@ class GeneralSolver(Solver):
         begin = np.cumsum([0, *(len(part) for part in slopes)])
         used = [(part, slice(i, i + len(part))) for part, i in zip(slopes, begin[:-1], strict=True) if i < n]
         slope = [length * (q[:, which] @ part) for part, which in used]
-        # the tension over the stretch acts on slopes and, with damping, on their rates
-        beta = model.tension_damping
-        moved = [
-            w + beta * length * (v[:, which] @ part) if beta else w
-            for (part, which), w in zip(used, slope, strict=True)
-        ]
         squared = sum(part**2 for part in slope)
         first = np.zeros(max(n, condensed.slope_norms_squared.size))
         first[:n] = length * q[0]
@@ -86,7 +81,12 @@ class GeneralSolver(Solver):
         compliance = 1.0 / (k * (1.0 - squared / xi**3))
         coupling = k * compliance * stretch / xi**3
         weights, total = chain.length, (compliance @ chain.length)[:, None]
-        secant = chordwise / stretch
+        secant, beta = chordwise / stretch, model.tension_damping
+        # the tension over the stretch acts on slopes and, with damping, on their rates
+        moved = [
+            w + damping_by_tension(length * (v[:, which] @ part), secant, beta) if beta else w
+            for (part, which), w in zip(used, slope, strict=True)
+        ]
         lateral = condensed.load_projection
         lateral = np.pad(lateral, ((0, 0), (0, max(0, n - lateral.shape[1]))))[:, :n]
         force, rate = data[:, 1 + patterns :] @ lateral, change[:, 1 + patterns :] @ lateral
@@ -105,8 +105,11 @@ class GeneralSolver(Solver):
                     inner = inner + weights * secant
                 tangent[:, which, columns] = np.einsum("mk,ik,jk->mij", inner, part, other, optimize=True)
             if damping_matrix is not None:
-                damping_matrix[:, which, which] = np.einsum(
-                    "mk,ik,jk->mij", beta / frequency**2 * weights * secant, part, part, optimize=True
+                damping_matrix[:, which, which] = (
+                    np.einsum(
+                        "mk,ik,jk->mij", weights * damping_by_tension(secant, secant, beta), part, part, optimize=True
+                    )
+                    / frequency**2
                 )
         tangent += pulled[:, :, None] * pull[:, None] / total[:, None]
         unit = 1.0 / (length * frequency**2)

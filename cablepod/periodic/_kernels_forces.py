@@ -8,6 +8,7 @@ from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions, _fill_tangent, _forces
 from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
 from cablepod.condensed._kernels_rates import _add_rate_forces
+from cablepod.discretisation._kernels_laws import damping_by_tension
 from cablepod.periodic._kernels_layout import Forced
 
 #: Change of omega for derivatives, a power of two: a taut cable remains taut.  Forces are linear in the boundary data.
@@ -112,13 +113,13 @@ def damped_samples(q, v, omega, forced, rate_terms, force, force_rate, tangent, 
             force_rate[k, a] = (force_rate[k, a] - force[k, a]) / SMALL_CHANGE
         _fill_tangent(terms, row, q[k], tension[0], tangent[k])
         _fill_tangent(terms, row, still, tension[0], damping[k])
-        slack = not tension[0] > 0.0
+        damped = damping_by_tension(1.0, tension[0], beta)
         for a in range(n):
             for b in range(n):
-                damping[k, a, b] *= 0.0 if slack else beta
-                if not slack:  # the tension in the damping depends on the coordinates
-                    by_q = 2.0 * terms.sag_stiffness[0] * terms.kappa[b] * q[k, b]
-                    tangent[k, a, b] += beta * terms.kappa[a] * v[k, a] * by_q
+                damping[k, a, b] *= damped
+                # the tension in the damping depends on the coordinates
+                by_q = 2.0 * terms.sag_stiffness[0] * terms.kappa[b] * q[k, b]
+                tangent[k, a, b] += damped * terms.kappa[a] * v[k, a] * by_q
         least = min(least, _least_force(forced, row, tension[0]))
     return least
 

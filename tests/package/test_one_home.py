@@ -17,9 +17,8 @@ SIGNS = {
     "drag": (
         "condensed/_kernels_drag.py", "return chordwise * normal - slope * along", "return chordwise * normal + slope * along"
     ),
-    "damping": (
-        "condensed/_kernels_rates.py", "f[j] -= rate_terms.tension_damping * work[j]",
-        "f[j] += rate_terms.tension_damping * work[j]",
+    "damping by the tension": (
+        "discretisation/_formulas.py", "return damping * rate * (tension > 0.0)", "return -damping * rate * (tension > 0.0)"
     ),
     "drag of particles": ("wind/_kernels_drag.py", "ux -= along * tx", "ux += along * tx"),
     "linear law": (
@@ -39,7 +38,17 @@ SIGNS = {
 CALLS = {
     "closure": ["run", "batch", "orbit", "mast", "host"],
     "drag": ["windy run", "windy batch", "mast", "windy host"],
-    "damping": ["damped run", "damped batch", "damped orbit"],
+    "damping by the tension": [
+        "damped chain",
+        "damped implicit chain",
+        "damped cable",
+        "damped implicit cable",
+        "damped run",
+        "damped batch",
+        "damped exact run",
+        "damped orbit",
+        "damped exact orbit",
+    ],
     "drag of particles": ["windy chain", "windy implicit chain", "windy cable", "mast of chains"],
     "linear law": ["chain", "implicit chain", "conserving chain", "cable", "exact run", "mast of chains"],
     "law (21)": ["green chain", "green implicit chain", "green conserving chain", "green cable", "green exact run"],
@@ -84,8 +93,8 @@ def batch(scene, **options):
     members = cp.ensemble.design(scene, {"cable.top_tension": [14000.0, 16000.0]}, members=2)
     return cp.condensed.simulate(members, modes(scene), outputs=("tension",), **options).tension
 
-def orbit(scene):
-    return cp.periodic.orbit(scene, modes(scene), harmonics=2, out_of_plane=False, outputs=()).growth
+def orbit(scene, **options):
+    return cp.periodic.orbit(scene, modes(scene), harmonics=2, out_of_plane=False, outputs=(), **options).growth
 
 def host(scene):
     model = cp.condensed.prepare(scene, modes(scene))
@@ -115,6 +124,10 @@ calls = {
     "viscous chain": lambda: chain(guy(viscous), **VERLET), "viscous implicit chain": lambda: chain(guy(viscous), **IMPLICIT),
     "viscous cable": lambda: cable(guy(viscous), law="linear"),
     "run": lambda: run(guy(plain)), "batch": lambda: batch(guy(plain)), "orbit": lambda: orbit(guy(plain)),
+    "damped chain": lambda: chain(guy(damped), **VERLET), "damped implicit chain": lambda: chain(guy(damped), **IMPLICIT),
+    "damped cable": lambda: cable(guy(damped), scheme="velocity_verlet"),
+    "damped implicit cable": lambda: cable(guy(damped), scheme="trapezoidal", step=0.02),
+    "damped exact run": lambda: exact(guy(damped)), "damped exact orbit": lambda: orbit(guy(damped), order="exact"),
     "damped run": lambda: run(guy(damped)), "damped batch": lambda: batch(guy(damped)),
     "damped orbit": lambda: orbit(guy(damped)), "windy run": lambda: run(windy()), "windy batch": lambda: batch(windy()),
     "mast": mast, "host": lambda: host(guy(plain)), "windy host": lambda: host(windy()),
