@@ -30,8 +30,8 @@ FIRST_AMPLITUDE, GROWTH, LARGEST_CHANGE = 0.02, 1.25, 0.1
 SMALL = (0.02, 0.04)
 #: Largest number of points.
 MAX_POINTS = 5000
-#: Tolerance of the place at which whirling leaves the planar branch, between two points of that.
-BRANCH_OFF_RTOL = 1e-15
+#: Tolerance of a place between two points of a branch: of the amplitude, and where whirling leaves.
+ZERO_RTOL = 1e-15
 #: Relative difference of frequencies in the plane and out of it below which whirling begins at rest.
 DEGENERATE = 1e-9
 
@@ -134,9 +134,9 @@ class _Backbone:
         mask[2::2, n:] = True
         return np.append(np.flatnonzero(mask.ravel()), state.z.size - 1)
 
-    def correct(self, state: State, direction: np.ndarray, target: float) -> tuple[State, np.ndarray, int]:
-        """Solve with a condition on all unknowns, with as many harmonics as are needed; directions have all unknowns too."""
-        return adapted(self.solver, state, direction, target, self.active)
+    def correct(self, state: State, direction: np.ndarray) -> tuple[State, np.ndarray, int]:
+        """Do :func:`cablepod.periodic._continuation.adapted`, for motion symmetric in time; directions have all unknowns."""
+        return adapted(self.solver, state, direction, self.active)
 
     def start(self, size: float, circular: bool) -> tuple[State, np.ndarray]:
         """Return a vibration of small size without dimension, and the direction of its amplitude."""
@@ -152,7 +152,7 @@ class _Backbone:
             grown /= np.sqrt(2.0)
         direction = np.append(grown.ravel(), 0.0)
         state = State(np.append((coefficients + size * grown).ravel(), self.omega), not circular, r)
-        found, _, iterations = self.correct(state, direction, size + float(direction[:-1] @ coefficients.ravel()))
+        found, _, iterations = self.correct(state, direction)
         if iterations < 0:
             raise RunStopped("no free vibration at small amplitude, as Newton's method fails; try another mode or rank")
         return found, direction
@@ -172,8 +172,7 @@ class _Backbone:
         rows.append(self._row(state))
         step = FIRST_AMPLITUDE
         for _ in range(MAX_POINTS):
-            guess = replace(state, z=state.z + step * direction)
-            found, tangent, iterations = self.correct(guess, direction, float(direction @ guess.z))
+            found, tangent, iterations = self.correct(replace(state, z=state.z + step * direction), direction)
             before = replace(state, z=direction).resized(found.harmonics).z
             if iterations < 0 or before @ tangent < 0.95:
                 step *= 0.5
@@ -184,7 +183,9 @@ class _Backbone:
             if rows[-1][2] < 0.0:
                 return SLACK
             if rows[-1][1] >= self.amplitude:
-                rows[-1] = self._at_amplitude(state, rows[-2][1], found, rows[-1])
+                last = self._zero_between(state, found, lambda state: self._deflection(state) - self.amplitude)
+                if last is not None:
+                    rows[-1] = self._row(last)
                 return AMPLITUDE
             self._tell(share[0] + (share[1] - share[0]) * rows[-1][1] / self.amplitude)
             state, direction = found, tangent
@@ -197,33 +198,26 @@ class _Backbone:
             self._told = share
             self.progress(share)
 
-    def _at_amplitude(
-        self, before: State, size: float, after: State, last: tuple[State, float, float]
-    ) -> tuple[State, float, float]:
-        """Return the point of the last segment that has the amplitude."""
-        way = after.z - before.resized(after.harmonics).z
+    def _zero_between(self, before: State, after: State, test: Callable[[State], float]) -> State | None:
+        """Return the state between two of a branch where a test function changes its sign; None for none."""
+        before = before.resized(after.harmonics)
+        way = after.z - before.z
         direction = way / np.linalg.norm(way)
-        low, high, small, large = 0.0, 1.0, size, last[1]
-        row = last
-        for _ in range(40):
-            share = low + (self.amplitude - small) / (large - small) * (high - low)
-            guess = replace(after, z=before.resized(after.harmonics).z + share * way)
-            found, _, iterations = self.correct(guess, direction, float(direction @ guess.z))
-            if iterations < 0 or found.harmonics != after.harmonics:
-                return last
-            row = self._row(found)
-            if abs(row[1] / self.amplitude - 1.0) < 1e-12:
-                break
-            if row[1] > self.amplitude:
-                high, large = share, row[1]
-            else:
-                low, small = share, row[1]
-        return row
+
+        def between(low: State, high: State, share: float) -> State | None:
+            low = low.resized(high.harmonics)
+            state, _, iterations = self.correct(low.towards(high, share), direction)
+            return None if iterations < 0 else state
+
+        found = zero_between((before, after), between, test, ZERO_RTOL)
+        return None if found is None else found[1]
+
+    def _deflection(self, state: State) -> float:
+        """Return the largest deflection from its mean over a period [m]."""
+        return fields.largest_deflection(self.model, fields.coordinates(self.model, state, 2 * fields.PHASES))
 
     def _row(self, state: State) -> tuple[State, float, float]:
-        q = fields.coordinates(self.model, state, 2 * fields.PHASES)
-        stability = self.solver.stability(state)
-        return state, fields.largest_deflection(self.model, q), stability.smallest_force
+        return state, self._deflection(state), self.solver.stability(state).smallest_force
 
     def hardening(self, circular: bool) -> float:
         """Return the coefficient of amplitude squared in the squared frequency [rad^2/s^2/m^2], at small amplitude."""
@@ -252,26 +246,16 @@ class _Backbone:
         if not change:
             return None
         before, after = rows[change[0] - 1][0], rows[change[0]][0]
-        before = before.resized(after.harmonics)
-        way = after.z - before.z
-        direction = way / np.linalg.norm(way)
-
-        def between(low: State, high: State, share: float) -> State | None:
-            low = low.resized(high.harmonics)
-            guess = replace(low, z=low.z + share * (high.z - low.z))
-            state, _, iterations = self.correct(guess, direction, float(direction @ guess.z))
-            return None if iterations < 0 else state
-
-        scale = np.linalg.slogdet(block(before)[0])[1]
+        scale = np.linalg.slogdet(block(before.resized(after.harmonics))[0])[1]
 
         def determinant(state: State) -> float:
             sign, size = np.linalg.slogdet(block(state)[0])
             return float(sign * np.exp(size - scale))
 
-        found = zero_between((before, after), between, determinant, BRANCH_OFF_RTOL)
+        found = self._zero_between(before, after, determinant)
         if found is None:
             return None
-        matrix, numbers, full = block(found[1])
+        matrix, numbers, full = block(found)
         null = np.zeros(full.z.size)
         null[numbers] = np.linalg.svd(matrix)[2][-1]
         return full, null
@@ -287,6 +271,9 @@ class _Backbone:
         leaving, ended = None, INTERRUPTED
         try:
             start = self.start(FIRST_AMPLITUDE, circular and degenerate)
+            size = self._deflection(start[0])
+            if size >= self.amplitude:
+                start = self.start(0.5 * FIRST_AMPLITUDE * self.amplitude / size, circular and degenerate)
             planar_ended = self.trace(planar, *start, (0.0, 0.5 if leaves else 1.0))
             ended = INTERRUPTED if leaves else planar_ended
             leaving = None if degenerate else self.branch_off(planar)

@@ -8,7 +8,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from cablepod.periodic._solve import MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, Stability, State
+from cablepod.periodic._solve import (
+    MIN_HARMONICS,
+    MORE_HARMONICS,
+    TAIL_RTOL,
+    Solver,
+    Stability,
+    State,
+    along_frequency,
+)
 
 #: Arc length of the first, the smallest and, at small motion, the largest step, without dimension.
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 5e-3, 1e-7, 0.05
@@ -78,7 +86,6 @@ def adapted(
     solver: Solver,
     state: State,
     direction: np.ndarray,
-    target: float,
     active: Callable[[State], np.ndarray] | None = None,
 ) -> tuple[State, np.ndarray, int]:
     """Correct a state, and again with more harmonics until the last two hold no more than `TAIL_RTOL`.
@@ -88,7 +95,7 @@ def adapted(
     most = state.most_harmonics
     while True:
         numbers = () if active is None else (active(state),)
-        found, tangent, iterations = solver.correct(state, direction, target, *numbers)
+        found, tangent, iterations = solver.correct(state, direction, *numbers)
         if iterations < 0 or found.tail <= TAIL_RTOL or found.harmonics >= most:
             return found, tangent, iterations
         harmonics = min(found.harmonics + MORE_HARMONICS * found.periods, most)
@@ -97,9 +104,7 @@ def adapted(
 
 def adapted_at(solver: Solver, state: State) -> tuple[State, np.ndarray, int]:
     """Correct a state at its frequency, with as many harmonics as :func:`adapted` takes."""
-    direction = np.zeros(state.z.size)
-    direction[-1] = 1.0
-    return adapted(solver, state, direction, state.omega)
+    return adapted(solver, state, along_frequency(state))
 
 
 def zero_between(
@@ -208,9 +213,7 @@ def trace(
         on_point(branch)
     state, direction = start, direction / np.linalg.norm(direction)
     while not branch.ended:
-        guess = replace(state, z=state.z + step * direction)
-        target = float(direction @ guess.z)
-        found, tangent, iterations = adapted(solver, guess, direction, target)
+        found, tangent, iterations = adapted(solver, replace(state, z=state.z + step * direction), direction)
         good = iterations > 0
         if good:
             before = resized_direction(direction, state, found.harmonics)

@@ -135,7 +135,7 @@ def _error(solver: Solver, event: Event, rich: Solver) -> float:
 def _nearest(rich: Solver, event: Event, start: State, heading: np.ndarray) -> float | None:
     """Return the frequency of the first bifurcation of the same kind along a branch; None for none."""
     try:
-        state, direction, iterations = rich.correct(start, heading, float(heading @ start.z))
+        state, direction, iterations = rich.correct(start, heading)
         if iterations < 0:
             return None
         if direction @ heading < 0.0:

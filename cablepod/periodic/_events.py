@@ -131,11 +131,11 @@ def _locate(solver: Solver, first: Point, second: Point, test: Callable[[Point],
         return None
 
     def corrected(guess: State) -> Point | None:
-        state, tangent, iterations = solver.correct(guess, direction, float(direction @ guess.z))
+        state, tangent, iterations = solver.correct(guess, direction)
         return None if iterations < 0 else Point(state, tangent, solver.stability(state, stride), stride)
 
     def between(low: Point, high: Point, share: float) -> Point | None:
-        return corrected(replace(low.state, z=low.state.z + share * (high.state.z - low.state.z)))
+        return corrected(low.state.towards(high.state, share))
 
     start, end = (corrected(point.state.resized(harmonics)) for point in (first, second))
     if start is None or end is None:
@@ -200,8 +200,7 @@ def _asymmetric_part(state: State, odd: bool, outside: bool, n: int) -> np.ndarr
 def first_point(solver: Solver, state: State, direction: np.ndarray) -> tuple[State, np.ndarray] | None:
     """Step from a bifurcation onto the branch that leaves; None where no step succeeds."""
     for step in SWITCH_STEPS:
-        guess = replace(state, z=state.z + step * direction)
-        found, tangent, iterations = solver.correct(guess, direction, float(direction @ guess.z))
+        found, tangent, iterations = solver.correct(replace(state, z=state.z + step * direction), direction)
         if iterations > 0 and abs(found.omega - state.omega) < 10.0 * step:
             return found, tangent
     return None

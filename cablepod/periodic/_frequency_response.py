@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -314,7 +313,7 @@ class _Study:
         omega = min(max(last.state.omega, self.low), self.high)
         before = branch.points[-2].state.resized(last.state.harmonics)
         share = (omega - before.omega) / (last.state.omega - before.omega) if last.state.omega != before.omega else 1.0
-        guess = replace(last.state, z=before.z + share * (last.state.z - before.z))
+        guess = before.towards(last.state, share)
         state, direction, iterations = self.solver.at_frequency(guess)
         near = np.abs(state.z - guess.z).max() <= np.abs(last.state.z - before.z).max()
         if iterations > 0 and near:

@@ -33,8 +33,8 @@ class GeneralSolver(Solver):
 
     # --- forces -----------------------------------------------------------------------------------------------------
 
-    def _forces(self, state: State, phases: int) -> Forces:
-        """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
+    def _forces(self, state: State, phases: int, *, tangents_only: bool = False) -> Forces:
+        """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state; always all of them."""
         c = state.coefficients
         basis = basis_at(phases, state.harmonics)
         q, rates = basis @ c, state.omega / state.periods * (basis @ rates_of(c))
@@ -118,26 +118,16 @@ class GeneralSolver(Solver):
 
     # --- multipliers ------------------------------------------------------------------------------------------------
 
-    def _monodromies(self, state: State, stride: int, parts: list[slice]) -> tuple[list[np.ndarray], float]:
-        """Do :meth:`monodromies` for the coordinates of each set."""
-        phases = (4 * state.harmonics + 4) * stride
-        forces = self._forces(state.full(self.model), phases)
-        duration = 2.0 * np.pi * state.periods / state.omega
-        return [self._monodromy(forces, part, duration) for part in parts], forces.least
-
     def _monodromy(self, forces: Forces, part: slice, duration: float) -> np.ndarray:
-        """Return the matrix of the coordinates of one set."""
-        alpha, phases = self.model.damping, len(forces.stiffness)
-        size = 2 * (part.stop - part.start)
+        """Return the matrix of the coordinates of one set over a period."""
         if not np.isfinite(forces.stiffness).all():
+            size = 2 * (part.stop - part.start)
             return np.full((size, size), np.nan)
         if forces.damping is None:
-            matrix = np.empty((size, size))
-            self.floquet.monodromy(forces.stiffness, part.start, part.stop, alpha, duration / phases, matrix)
-            return matrix * np.exp(-0.5 * alpha * duration)
+            return super()._monodromy(forces, part, duration)
         stiffness, damping = forces.stiffness[:, part, part], forces.damping[:, part, part]
-        damping = damping + alpha * np.eye(damping.shape[1])
-        return magnus(stiffness, damping, 2.0 * duration / phases, self.model.highest_frequency)
+        damping = damping + self.model.damping * np.eye(damping.shape[1])
+        return magnus(stiffness, damping, 2.0 * duration / len(stiffness), self.model.highest_frequency)
 
 
 def magnus(stiffness: np.ndarray, damping: np.ndarray, step: float, frequency: float) -> np.ndarray:

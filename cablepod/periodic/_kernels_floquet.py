@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.periodic._kernels_forces import leading_samples
 
 
 @compiled(fastmath=REORDERED_FUSED, literal=False)
@@ -65,30 +62,3 @@ def monodromy(tangent, begin, end, damping, step, matrix):
     for a in range(r):
         for c in range(2 * r):
             matrix[a, c], matrix[r + a, c] = now[a, c], old[a, c]
-
-
-@compiled(literal=False)
-def monodromies(z, basis, forced, periods, inside, outside):
-    """Fill the matrices of an orbit by :func:`monodromy`, of the first coordinates and of the others, which do not couple.
-
-    Parameters
-    ----------
-    z, basis, forced, periods
-        As in :func:`cablepod.periodic._kernels_forces.leading_samples`, with the basis at all M phases, and
-        :func:`cablepod.periodic._kernels_balance.balance`.
-    inside, outside
-        Filled: (2 n, 2 n) for the first n coordinates and for the others, of which there may be none.
-
-    Returns
-    -------
-    float
-        Smallest chordwise force.
-    """
-    phases, r, split = forced.rows.shape[1], forced.terms.kappa.size, inside.shape[0] // 2
-    tangent = np.empty((phases, r, r))
-    least = leading_samples(z, basis, forced, 1, np.empty((0, r)), np.empty((0, r)), tangent)
-    step = 2.0 * math.pi * periods / z[-1] / phases
-    monodromy(tangent, 0, split, forced.damping, step, inside)
-    if r > split:
-        monodromy(tangent, split, r, forced.damping, step, outside)
-    return least

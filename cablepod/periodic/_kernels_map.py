@@ -8,7 +8,7 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.periodic._kernels_balance import MAX_ITERATIONS, NEWTON_RTOL, balance, factorise, substitute
-from cablepod.periodic._kernels_floquet import monodromies
+from cablepod.periodic._kernels_floquet import monodromy
 from cablepod.periodic._kernels_forces import _at_amplitude, leading_samples
 
 #: Number of sizes of the last orbit, each twice the one before, and of parts of a period by which it is moved, from which another
@@ -109,10 +109,11 @@ def map_columns(
         Terms and boundary data for the n coordinates of the orbit and for all r, see
         :class:`cablepod.periodic._kernels_layout.Forced`; amplitudes are the first dimension of their arrays.
     basis, phases_basis, stride
-        See :func:`cablepod.periodic._kernels_forces.leading_samples` and :func:`monodromies`.
+        See :func:`cablepod.periodic._kernels_forces.leading_samples`; `phases_basis` at all phases of the forcing.
     orbits, inside, outside, least
-        Filled, nan without an orbit: unknowns (amplitudes, columns, ...), matrices of :func:`monodromies` of the columns from
-        `begin` on (amplitudes, end - begin, ...), smallest chordwise forces (amplitudes, columns).
+        Filled, nan without an orbit: unknowns (amplitudes, columns, ...), matrices of :func:`monodromy` for the n coordinates
+        and for the others, of the columns from `begin` on (amplitudes, end - begin, ...), smallest chordwise forces
+        (amplitudes, columns).
     """
     n, r = of_orbit.terms.kappa.shape[1], of_all.terms.kappa.shape[1]
     unknowns, samples = rest.size + 1, basis.shape[0]
@@ -122,6 +123,8 @@ def map_columns(
         np.empty(rest.size),
     )  # fmt: skip
     factors, pivots = np.empty((rest.size, rest.size)), np.empty(rest.size, np.int64)
+    phases = phases_basis.shape[0]
+    none, tangents = np.empty((0, r)), np.empty((phases, r, r))
     for f in range(begin, end):
         good, known = 0, False  # number of successive solutions; whether there is a last one
         factored = False  # whether factors are those of a matrix nearby
@@ -160,5 +163,8 @@ def map_columns(
             for k in range(z.size):
                 orbits[a, f, k], last[k] = z[k], z[k]
             _embed(z, n, r, full)
-            matrices = inside[a, f - begin], outside[a, f - begin]
-            least[a, f] = monodromies(full, phases_basis, _at_amplitude(of_all, a), 1, *matrices)
+            least[a, f] = leading_samples(full, phases_basis, _at_amplitude(of_all, a), 1, none, none, tangents)
+            step = 2.0 * math.pi / omega[f] / phases
+            monodromy(tangents, 0, n, of_all.damping, step, inside[a, f - begin])
+            if r > n:
+                monodromy(tangents, n, r, of_all.damping, step, outside[a, f - begin])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +59,7 @@ class MapResult(NamedTuple):
         most, stride = max(first.harmonics, second.harmonics), solver.stride(first)
 
         def between(low: State, high: State, share: float) -> State | None:
-            state, _, iterations = solver.at_frequency(replace(low, z=low.z + share * (high.z - low.z)))
+            state, _, iterations = solver.at_frequency(low.towards(high, share))
             return None if iterations < 0 else state
 
         def test(state: State) -> float:

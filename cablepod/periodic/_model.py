@@ -66,7 +66,6 @@ class PeriodicModel:
         rank: int | None,
         order: str,
         out_of_plane: bool,
-        amplitude: float = 1.0,
     ) -> PeriodicModel:
         """Assemble the model of a scene on modes.
 
@@ -76,9 +75,8 @@ class PeriodicModel:
             For a scene, modes or options that it does not support.
         """
         choice(*ORDERS)("order", order)
-        p = scaled(forcing.parameters, amplitude)
-        unit = unit_of(p, modes, rank=rank, order=order, law="linear")
-        return cls(rescaled_model(unit, p), unit, out_of_plane, forcing)
+        unit = unit_of(forcing.parameters, modes, rank=rank, order=order, law="linear")
+        return cls(rescaled_model(unit, forcing.parameters), unit, out_of_plane, forcing)
 
     def with_amplitude(self, factor: float) -> PeriodicModel:
         """Return the model for other amplitudes of the forcing, with the same scales."""

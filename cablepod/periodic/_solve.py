@@ -97,6 +97,10 @@ class State:
         new[0], new[3::4], new[4::4] = old[0], old[1::2], old[2::2]
         return replace(self.changed(new), periods=2 * self.periods)
 
+    def towards(self, other: State, share: float) -> State:
+        """Return the state at a share of the straight way to another one."""
+        return replace(self, z=self.z + share * (other.z - self.z))
+
     @property
     def most_harmonics(self) -> int:
         """Largest number of harmonics to which it is extended."""
@@ -154,6 +158,13 @@ def basis_at(phases: int, harmonics: int) -> np.ndarray:
     return harmonics_at(phases, harmonics)
 
 
+def along_frequency(state: State) -> np.ndarray:
+    """Return the direction of the frequency among the unknowns of a state."""
+    direction = np.zeros(state.z.size)
+    direction[-1] = 1.0
+    return direction
+
+
 class Solver:
     """Newton's method and multipliers for one model."""
 
@@ -161,17 +172,17 @@ class Solver:
     overhead = 2e6
 
     def __init__(self, model: PeriodicModel) -> None:
-        from cablepod.periodic import _kernels_balance, _kernels_floquet  # numba is imported only to compute
+        from cablepod.periodic import _kernels_balance  # numba is imported only to compute
 
         self.model = model
         #: Unknowns cubed of all linear systems so far, with the overhead of calls
         self.work = 0.0
-        self.balance, self.floquet = _kernels_balance, _kernels_floquet
+        self.balance = _kernels_balance
 
     def correct(
-        self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
+        self, state: State, direction: np.ndarray, active: np.ndarray | None = None
     ) -> tuple[State, np.ndarray, int]:
-        """Solve with the condition direction . z[active] = target, for the unknowns with the numbers `active`; None: all.
+        """Change a state normal to `direction` into a solution, in the unknowns with the numbers `active`; None: all.
 
         Returns
         -------
@@ -180,18 +191,21 @@ class Solver:
         """
         if active is None:
             active = np.arange(state.z.size)
-        z, tangent, iterations = self._newton(state, direction[active], target, active)
+        z, tangent, iterations = self._newton(state, direction[active], active)
         self.work += self.overhead + abs(iterations) * active.size**3
         whole = np.zeros_like(direction)
         whole[active] = tangent
         return replace(state, z=z), whole, iterations
 
-    def _forces(self, state: State, phases: int) -> Forces:
-        """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
+    def _forces(self, state: State, phases: int, *, tangents_only: bool = False) -> Forces:
+        """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state.
+
+        With `tangents_only` forces and their rates may be left out; without them the least chordwise force is there.
+        """
         from cablepod.periodic._kernels_forces import leading_samples  # numba is imported only to compute
 
-        n, basis = state.size, basis_at(phases, state.harmonics)
-        force, rate, tangent = np.empty((phases, n)), np.empty((phases, n)), np.empty((phases, n, n))
+        n, basis, count = state.size, basis_at(phases, state.harmonics), 0 if tangents_only else phases
+        force, rate, tangent = np.empty((count, n)), np.empty((count, n)), np.empty((phases, n, n))
         forced = self.model.forced(n, phases, state.periods)
         least = leading_samples(state.z, basis, forced, 1, force, rate, tangent)
         return Forces(force, rate, tangent, None, least)
@@ -213,11 +227,10 @@ class Solver:
         of_damping = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
         return residual, rate, jacobian + of_damping.transpose(0, 2, 1, 3).reshape(size, size)
 
-    def _newton(
-        self, state: State, direction: np.ndarray, target: float, active: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, int]:
+    def _newton(self, state: State, direction: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Return all unknowns, the direction of the branch in the active ones, and the number of iterations."""
         kernel, z, before = self.balance, state.z.copy(), np.inf
+        target = direction @ z[active]
         matrix, rows = np.empty((active.size, active.size)), active[:-1]
         right = np.zeros((active.size, 2))
         for iteration in range(kernel.MAX_ITERATIONS):
@@ -240,9 +253,7 @@ class Solver:
 
     def at_frequency(self, state: State) -> tuple[State, np.ndarray, int]:
         """Solve at the frequency of the state."""
-        direction = np.zeros(state.z.size)
-        direction[-1] = 1.0
-        return self.correct(state, direction, state.omega)
+        return self.correct(state, along_frequency(state))
 
     def jacobian(self, state: State) -> np.ndarray:
         """Return the derivative of the balance by the coefficients, all coordinates in each harmonic together."""
@@ -270,22 +281,20 @@ class Solver:
     def monodromies(self, state: State, stride: int | None = None) -> tuple[list[np.ndarray], float]:
         """Return a matrix for each set of coordinates, whose eigenvalues are its multipliers, and the least chordwise force."""
         self.work += self.overhead
-        size, n = self.model.size, self.model.n_in_plane if state.planar else self.model.size
-        parts = [slice(0, n), slice(n, size)][: 1 + (size > n)]
-        return self._monodromies(state, stride or self.stride(state), parts)
+        phases = (4 * state.harmonics + 4) * (stride or self.stride(state))
+        forces = self._forces(state.full(self.model), phases, tangents_only=True)
+        duration = 2.0 * np.pi * state.periods / state.omega
+        parts = [slice(which.start // 2, which.stop // 2) for _, which in sets_of(self.model, state)]
+        return [self._monodromy(forces, part, duration) for part in parts], forces.least
 
-    def _monodromies(self, state: State, stride: int, parts: list[slice]) -> tuple[list[np.ndarray], float]:
-        """Do :meth:`monodromies` for the coordinates of each set."""
-        full = state.full(self.model)
-        sizes = [2 * (part.stop - part.start) for part in parts]
-        matrices = [np.empty((size, size)) for size in (*sizes, 0)]
-        phases = (4 * state.harmonics + 4) * stride
-        least = self.floquet.monodromies(
-            full.z, basis_at(phases, state.harmonics), self.model.forced(full.size, phases, state.periods), state.periods,
-            matrices[0], matrices[1],
-        )  # fmt: skip
-        decay = np.exp(-np.pi * self.model.damping * state.periods / state.omega)
-        return [matrix * decay for matrix in matrices[: len(parts)]], float(least)
+    def _monodromy(self, forces: Forces, part: slice, duration: float) -> np.ndarray:
+        """Return the matrix of the coordinates of one set over a period."""
+        from cablepod.periodic._kernels_floquet import monodromy  # numba is imported only to compute
+
+        size, alpha = 2 * (part.stop - part.start), self.model.damping
+        matrix = np.empty((size, size))
+        monodromy(forces.stiffness, part.start, part.stop, alpha, duration / len(forces.stiffness), matrix)
+        return matrix * np.exp(-0.5 * alpha * duration)
 
     def rest(self, omega: float, harmonics: int) -> State:
         """Return the state of rest of all coordinates that the forcing moves."""

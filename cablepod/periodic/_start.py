@@ -59,7 +59,6 @@ def _followed(solver: Solver, start: State, omega: float) -> State | None:
     before = branch.points[-2].state.resized(after.harmonics)
     if (before.omega - omega) * (after.omega - omega) > 0.0:
         return None
-    share = (omega - before.omega) / (after.omega - before.omega)
-    guess = replace(after, z=before.z + share * (after.z - before.z))
+    guess = before.towards(after, (omega - before.omega) / (after.omega - before.omega))
     found, _, iterations = solver.at_frequency(guess)
     return found if iterations > 0 else None

@@ -22,7 +22,7 @@ from cablepod.periodic._continuation import Branch, Limits, Point, trace
 from cablepod.periodic._events import DOUBLING, FOLD, PITCHFORK, Event, _locate
 from cablepod.periodic._forcing import periodic_forcing
 from cablepod.periodic._model import PeriodicModel, harmonics_at
-from cablepod.periodic._solve import IN_PLANE, OUT_OF_PLANE, Stability, State
+from cablepod.periodic._solve import IN_PLANE, OUT_OF_PLANE, Stability, State, along_frequency
 from periodic import _kernels as kernel
 
 #: Relative Newton correction below which the next one is rounding, and maximum number of iterations.
@@ -174,9 +174,10 @@ class ChainSolver:
         )  # fmt: skip
         return x, least
 
-    def correct(self, state: State, direction: np.ndarray, target: float) -> tuple[State, np.ndarray, int]:
-        """Solve with the condition direction . z = target, see :meth:`cablepod.periodic._solve.Solver.correct`."""
+    def correct(self, state: State, direction: np.ndarray) -> tuple[State, np.ndarray, int]:
+        """Do :meth:`cablepod.periodic._solve.Solver.correct` with the chain."""
         model, z, before = self.model, state.z.copy(), np.inf
+        target = direction @ z
         residual = np.empty((model.chain.links - 1, 1 + 2 * self.harmonics, model.coordinates))
         right = np.empty((len(residual), residual[0].size, 2))
         for iteration in range(MAX_ITERATIONS):
@@ -201,9 +202,7 @@ class ChainSolver:
 
     def at_frequency(self, state: State) -> tuple[State, np.ndarray, int]:
         """Solve at the frequency of the state."""
-        direction = np.zeros(state.z.size)
-        direction[-1] = 1.0
-        return self.correct(state, direction, state.omega)
+        return self.correct(state, along_frequency(state))
 
     def stride(self, state: State) -> int:
         """Return a number that continuation passes on; determinants need no steps."""
