@@ -18,7 +18,7 @@ from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import AMPLITUDE, SLACK, adapted, zero_between
 from cablepod.periodic._forcing import Forcing, refuse_wind, unforced
-from cablepod.periodic._members import one_member
+from cablepod.periodic._members import one_member, rising
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import MIN_HARMONICS, Solver, State
 
@@ -113,8 +113,7 @@ class _Backbone:
         self, model: PeriodicModel, mode: int, amplitude: float, progress: Callable[[float], None] | None = None
     ) -> None:
         self.model, self.mode, self.amplitude = model, mode, amplitude
-        self.progress, self._told = progress or (lambda share: None), 0.0
-        self.interrupted = False
+        self.progress, self.interrupted = rising(progress), False
         self.solver = Solver(model)
         n = model.n_in_plane
         values, self.vectors = np.linalg.eigh(model.tangent_at_rest[:n, :n])
@@ -187,16 +186,10 @@ class _Backbone:
                 if last is not None:
                     rows[-1] = self._row(last)
                 return AMPLITUDE
-            self._tell(share[0] + (share[1] - share[0]) * rows[-1][1] / self.amplitude)
+            self.progress(share[0] + (share[1] - share[0]) * rows[-1][1] / self.amplitude)
             state, direction = found, tangent
             step = min(GROWTH * step, LARGEST_CHANGE * max(1.0, float(np.linalg.norm(found.coefficients[1:]))))
         return "points"
-
-    def _tell(self, share: float) -> None:
-        """Report the completed fraction, where it has grown."""
-        if share > self._told:
-            self._told = share
-            self.progress(share)
 
     def _zero_between(self, before: State, after: State, test: Callable[[State], float]) -> State | None:
         """Return the state between two of a branch where a test function changes its sign; None for none."""
@@ -283,7 +276,7 @@ class _Backbone:
                 )
             if leaves and leaving is not None:
                 ended = self.trace(rows, *leaving, (0.5, 1.0))
-            self._tell(1.0)
+            self.progress(1.0)
         except KeyboardInterrupt:
             if not rows:
                 raise  # nothing to keep

@@ -12,7 +12,7 @@ from cablepod.errors import RunStopped, SceneError
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.periodic import _fields as fields
 from cablepod.periodic._continuation import Branch, Limits, adapted_at, trace
-from cablepod.periodic._events import Event, can_be_told_apart, events_between, signs
+from cablepod.periodic._events import Event, entering
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import model_of
 from cablepod.periodic._model import PeriodicModel
@@ -140,21 +140,14 @@ def _nearest(rich: Solver, event: Event, start: State, heading: np.ndarray) -> f
             return None
         if direction @ heading < 0.0:
             direction = -direction
-        tests: list = []
-        found: list[Event] = []
+        events: list[Event] = []
 
-        def on_point(branch: Branch) -> bool:
-            del tests[len(branch.points) - 1 :]
-            tests.append(signs(rich, branch.points[-1]))
-            if len(tests) > 1:
-                if not can_be_told_apart(tests[-2], tests[-1]):
-                    return False
-                events = events_between(rich, branch, tests[-2], tests[-1])
-                found.extend(one for one in events if (one.kind, one.which) == (event.kind, event.which))
-            return True
+        def nearest() -> Event | None:
+            return next((one for one in events if (one.kind, one.which) == (event.kind, event.which)), None)
 
-        limits = Limits(0.5 * start.omega, 2.0 * start.omega, POINTS, lambda point: FOUND if found else "")
-        trace(rich, Branch(0), state, direction, limits, on_point)
+        limits = Limits(0.5 * start.omega, 2.0 * start.omega, POINTS, lambda point: FOUND if nearest() else "")
+        trace(rich, Branch(0), state, direction, limits, entering(rich, events))
     except RunStopped:
         return None
-    return found[0].state.omega if found else None
+    found = nearest()
+    return found.state.omega if found else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -88,37 +87,46 @@ def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) 
         locate(FOLD, name, lambda point: point.direction[-1], lambda point: True)
     for k, (name, which) in enumerate(names):
 
-        def near(value: float, which: slice = which) -> Callable[[Point], bool]:
-            return lambda point: np.abs(point.multipliers[which] - value).min() < MAX_DISTANCE
+        def real(kind: str, value: float, name: str = name, which: slice = which) -> None:
+            """Locate where a real multiplier has a value, 1 or -1."""
+            locate(
+                kind,
+                name,
+                lambda point: product(1.0 - value * point.multipliers[which]),
+                lambda point: np.abs(point.multipliers[which] - value).min() < MAX_DISTANCE,
+            )
+
+        def radius(point: Point, which: slice = which) -> float:
+            mu = point.multipliers[which]
+            return float(np.abs(mu[np.abs(mu.imag) > NEUTRAL]).max(initial=0.0)) - 1.0
+
+        def is_on_circle(point: Point, radius: Callable[[Point], float] = radius) -> bool:
+            return abs(radius(point)) < MAX_DISTANCE
 
         if before.at_one[k] * after.at_one[k] < 0.0 and not (folds and k == 0):
-            locate(PITCHFORK, name, partial(_at_one, solver, k), near(1.0))
+            real(PITCHFORK, 1.0)
         if before.at_minus_one[k] * after.at_minus_one[k] < 0.0:
-            locate(DOUBLING, name, partial(_at_minus_one, solver, k), near(-1.0))
-        if before.complex_outside[k] != after.complex_outside[k]:
-
-            def radius(point: Point, which: slice = which) -> float:
-                mu = point.multipliers[which]
-                return float(np.abs(mu[np.abs(mu.imag) > NEUTRAL]).max(initial=0.0)) - 1.0
-
-            if radius(first) * radius(second) < 0.0:
-                locate(TORUS, name, radius, near_circle(radius))
+            real(DOUBLING, -1.0)
+        if before.complex_outside[k] != after.complex_outside[k] and radius(first) * radius(second) < 0.0:
+            locate(TORUS, name, radius, is_on_circle)
     return [event for _, event in sorted(found, key=lambda pair: pair[0])]
 
 
-def _at_one(solver: Solver, k: int, point: Point) -> float:
-    """Return the product of 1 - mu of one set."""
-    return float(signs(solver, point).at_one[k])
+def entering(solver: Solver, events: list[Event]) -> Callable[[Branch], bool]:
+    """Return what :func:`cablepod.periodic._continuation.trace` calls after each point; it adds bifurcations to `events`."""
+    tests: list[Signs] = []
 
+    def on_point(branch: Branch) -> bool:
+        del tests[len(branch.points) - 1 :]  # of a point that was taken back
+        tests.append(signs(solver, branch.points[-1]))
+        if len(tests) == 1:
+            return True
+        if not can_be_told_apart(tests[-2], tests[-1]):
+            return False
+        events.extend(events_between(solver, branch, tests[-2], tests[-1]))
+        return True
 
-def _at_minus_one(solver: Solver, k: int, point: Point) -> float:
-    """Return the product of 1 + mu of one set."""
-    return float(signs(solver, point).at_minus_one[k])
-
-
-def near_circle(radius: Callable[[Point], float]) -> Callable[[Point], bool]:
-    """Return a test whether the distance from the unit circle is small."""
-    return lambda point: abs(radius(point)) < MAX_DISTANCE
+    return on_point
 
 
 def _locate(solver: Solver, first: Point, second: Point, test: Callable[[Point], float]) -> tuple[float, Point] | None:

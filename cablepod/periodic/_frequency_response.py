@@ -15,19 +15,10 @@ from cablepod.parameters._checks import integer, number
 from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point, adapted_at, distance, trace
-from cablepod.periodic._events import (
-    DOUBLING,
-    Event,
-    Signs,
-    can_be_told_apart,
-    events_between,
-    first_point,
-    leaving,
-    signs,
-)
+from cablepod.periodic._events import DOUBLING, Event, entering, first_point, leaving
 from cablepod.periodic._frequency_output import labelled
 from cablepod.periodic._general import solver_of
-from cablepod.periodic._members import given_names, model_of, one_member
+from cablepod.periodic._members import given_names, model_of, one_member, rising
 from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
 from cablepod.periodic._start import grown_from_rest
 
@@ -188,12 +179,11 @@ class _Study:
         self.solver, self.follow, self.points, self.harmonics = solver, follow, points, harmonics
         scale = solver.model.scales[0]
         self.low, self.high = frequency[0] / scale, frequency[1] / scale
-        self.progress = progress or (lambda share: None)
+        self.progress = rising(progress)
         self.branches: list[Branch] = []
         self.events: list[Event] = []
         self.depth: dict[int, int] = {}
         self.interrupted = False
-        self._told = 0.0
 
     def run(self) -> None:
         """Trace the main branches, then those that leave.
@@ -285,18 +275,11 @@ class _Study:
         """Trace one branch, with its bifurcations."""
         self.branches.append(branch)
         before = self._count()
-        tests: list[Signs] = []
+        enter = entering(self.solver, self.events)
 
         def on_point(branch: Branch) -> bool:
-            del tests[len(branch.points) - 1 :]  # of a point that was taken back
-            tests.append(signs(self.solver, branch.points[-1]))
             self._tell(branch.points[-1])
-            if len(tests) == 1:
-                return True
-            if not can_be_told_apart(tests[-2], tests[-1]):
-                return False
-            self.events += events_between(self.solver, branch, tests[-2], tests[-1])
-            return True
+            return enter(branch)
 
         limits = Limits(
             self.low, self.high, self.points - before, lambda point: POINTS if self.solver.work > MAX_WORK else ""
@@ -323,7 +306,5 @@ class _Study:
 
     def _tell(self, point: Point) -> None:
         """Report progress: the share of the range that the main branch has passed, at most 0.9."""
-        share = 0.9 * min(max((point.state.omega - self.low) / (self.high - self.low), 0.0), 1.0)
-        if len(self.branches) == 1 and share > self._told:
-            self._told = share
-            self.progress(share)
+        if len(self.branches) == 1:
+            self.progress(0.9 * min(max((point.state.omega - self.low) / (self.high - self.low), 0.0), 1.0))

@@ -14,6 +14,8 @@ from cablepod.periodic._kernels_forces import _at_amplitude, leading_samples
 #: Number of sizes of the last orbit, each twice the one before, and of parts of a period by which it is moved, from which another
 #: orbit is looked for where the response folds back.
 SIZES, TURNS = 3, 6
+#: Number of first guesses, see :func:`first_guess`.
+GUESSES = 4 + SIZES * TURNS
 #: Size of a correction over the one before above which the matrix of Newton's method is computed anew.
 MAX_CONTRACTION = 0.1
 
@@ -67,7 +69,7 @@ def _solve_again(z, omega, basis, forced, stride, work, factors, pivots, known):
 
 
 @compiled
-def scaled_and_turned(last, n, size, share, z):
+def _scaled_and_turned(last, n, size, share, z):
     """Fill z with an orbit of other size that runs later by a share of the period."""
     columns = (z.size - 1) // n
     for a in range(n):
@@ -78,6 +80,46 @@ def scaled_and_turned(last, n, size, share, z):
             c, s = last[(2 * k - 1) * n + a], last[2 * k * n + a]
             z[(2 * k - 1) * n + a] = size * (c * cosine - s * sine)
             z[2 * k * n + a] = size * (c * sine + s * cosine)
+
+
+@compiled
+def first_guess(number, last, count, is_even, rest, n, z):
+    """Fill z with a first guess of an orbit; return whether there is one of this number, from 0 to GUESSES - 1.
+
+    They are, in this order, along the last three orbits and the last two, the last one, rest, the last one made larger and moved.
+
+    Parameters
+    ----------
+    number
+        Number of the guess.
+    last
+        Last orbits at the frequency, the newest first (3, unknowns).
+    count
+        How many amplitudes in a row have orbits, 0 if the one before has none, -1 if there is none at all.
+    is_even
+        Whether the last four amplitudes differ by equal steps.
+    rest, n
+        Coefficients at rest ((1 + 2 H) n,), and number of coordinates.
+    z
+        Filled ((1 + 2 H) n + 1,), but for the frequency.
+    """
+    if number == 0 and count > 2 and is_even:
+        for k in range(rest.size):
+            z[k] = 3.0 * (last[0, k] - last[1, k]) + last[2, k]
+    elif number == 1 and count > 1:
+        for k in range(rest.size):
+            z[k] = 2.0 * last[0, k] - last[1, k]
+    elif number == 2 and count >= 0:
+        for k in range(rest.size):
+            z[k] = last[0, k]
+    elif number == 3:
+        for k in range(rest.size):
+            z[k] = rest[k]
+    elif number > 3 and count >= 0:
+        _scaled_and_turned(last[0], n, 2.0 ** ((number - 4) % SIZES), (number - 4) // SIZES / TURNS, z)
+    else:
+        return False
+    return True
 
 
 @compiled
@@ -93,7 +135,7 @@ def _embed(z, n, r, full):
 
 @compiled
 def map_columns(
-    begin, end, omega, equal, rest, of_orbit, of_all, basis, phases_basis, stride, orbits, inside, outside, least
+    begin, end, omega, is_even, rest, of_orbit, of_all, basis, phases_basis, stride, orbits, inside, outside, least
 ):
     """Follow orbits from rest over all amplitudes, at the frequencies `begin` ... `end` - 1.
 
@@ -101,8 +143,8 @@ def map_columns(
     ----------
     begin, end, omega
         Columns, and the angular frequencies of all columns (columns,).
-    equal
-        Whether the last four amplitudes differ by equal steps, from each amplitude on (amplitudes,).
+    is_even
+        Whether the last four amplitudes differ by equal steps, at each of them (amplitudes,).
     rest
         Coefficients at rest ((1 + 2 H) n,).
     of_orbit, of_all
@@ -117,7 +159,7 @@ def map_columns(
     """
     n, r = of_orbit.terms.kappa.shape[1], of_all.terms.kappa.shape[1]
     unknowns, samples = rest.size + 1, basis.shape[0]
-    z, last, full = np.empty(unknowns), np.empty(unknowns), np.empty((rest.size // n) * r + 1)
+    z, last, full = np.empty(unknowns), np.zeros((3, unknowns)), np.empty((rest.size // n) * r + 1)
     work = (
         np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n)), np.empty(rest.size),
         np.empty(rest.size),
@@ -126,42 +168,26 @@ def map_columns(
     phases = phases_basis.shape[0]
     none, tangents = np.empty((0, r)), np.empty((phases, r, r))
     for f in range(begin, end):
-        good, known = 0, False  # number of successive solutions; whether there is a last one
-        factored = False  # whether factors are those of a matrix nearby
+        count, factored = -1, False  # see :func:`first_guess`; whether factors are those of a matrix nearby
         for a in range(of_all.rows.shape[0]):
             forced, solved = _at_amplitude(of_orbit, a), False
-            for attempt in range(
-                4 + SIZES * TURNS
-            ):  # along the last three or two orbits, from the last one, from rest, from others
-                if attempt == 0 and good > 2 and equal[a]:
-                    for k in range(z.size):
-                        z[k] = 3.0 * (orbits[a - 1, f, k] - orbits[a - 2, f, k]) + orbits[a - 3, f, k]
-                elif attempt == 1 and good > 1:
-                    for k in range(z.size):
-                        z[k] = 2.0 * orbits[a - 1, f, k] - orbits[a - 2, f, k]
-                elif attempt == 2 and known:
-                    for k in range(z.size):
-                        z[k] = last[k]
-                elif attempt == 3:
-                    for k in range(rest.size):
-                        z[k] = rest[k]
-                elif attempt > 3 and known:
-                    scaled_and_turned(last, n, 2.0 ** ((attempt - 4) % SIZES), (attempt - 4) // SIZES / TURNS, z)
-                else:
+            for number in range(GUESSES):
+                if not first_guess(number, last, count, is_even[a], rest, n, z):
                     continue
                 solved, factored = _solve_again(
-                    z, omega[f], basis, forced, stride, work, factors, pivots, factored and attempt < 3
+                    z, omega[f], basis, forced, stride, work, factors, pivots, factored and number < 3
                 )
                 if solved:
                     break
             if not solved:
-                good = 0
+                count = min(count, 0)
                 orbits[a, f, :], inside[a, f - begin, :], outside[a, f - begin, :] = np.nan, np.nan, np.nan
                 least[a, f] = np.nan
                 continue
-            good, known = good + 1, True
+            count = max(count, 0) + 1
             for k in range(z.size):
-                orbits[a, f, k], last[k] = z[k], z[k]
+                last[2, k], last[1, k], last[0, k] = last[1, k], last[0, k], z[k]
+                orbits[a, f, k] = z[k]
             _embed(z, n, r, full)
             least[a, f] = leading_samples(full, phases_basis, _at_amplitude(of_all, a), 1, none, none, tangents)
             step = 2.0 * math.pi / omega[f] / phases

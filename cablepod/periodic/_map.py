@@ -13,7 +13,7 @@ from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.periodic._continuation import zero_between
 from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._model import PeriodicModel, harmonics_at
-from cablepod.periodic._multipliers import FAILED, eigenvalues, growth_of, signed_stability
+from cablepod.periodic._multipliers import FAILED, STABLE, eigenvalues, growth_of, signed_stability
 from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import (
     MAX_HARMONICS,
@@ -53,6 +53,11 @@ class MapResult(NamedTuple):
         growth, kind = np.full((2, *shape), np.nan), np.full((2, *shape), FAILED)
         response, force, tail = (np.full(shape, np.nan) for _ in range(3))
         return cls(growth, kind, response, force, tail, {}, np.zeros(shape, dtype=bool))
+
+    def take(self, other: MapResult, which: np.ndarray, columns: np.ndarray) -> None:
+        """Enter some frequencies of another map, without its edges, as some columns."""
+        for name in ("growth", "kind", "response", "smallest_force", "tail", "finished"):
+            getattr(self, name)[..., columns] = getattr(other, name)[..., which]
 
     def add_edge(self, solver: Solver, first: State, second: State, place: tuple[int, int, int], kind: int) -> None:
         """Enter where multipliers of a set cross the unit circle between two orbits, if they do."""
@@ -106,7 +111,7 @@ def compute_map(
     split = base.n_in_plane if base.is_planar else base.size  # coordinates that the forcing moves
     scaled = omega / frequency_scale
     check_period(base, 2.0 * np.pi / scaled[0])
-    equal = _equal_steps(amplitudes)
+    is_even = even_steps(amplitudes)
     columns_of_rows = base.rows(1, 1).shape[2]
     most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * columns_of_rows)))
 
@@ -118,30 +123,31 @@ def compute_map(
         steps = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics), stride
         rest = np.zeros((1 + 2 * harmonics, split))
         rest[0] = base.rest[:split] / length_scale
-        orbits = np.full((*shape, rest.size + 1), np.nan)
-        growth, kind = np.full((2, *shape), np.nan), np.full((2, *shape), FAILED)
-        response, force, tail = (np.full(shape, np.nan) for _ in range(3))
-        computed = np.zeros(columns.size, dtype=bool)
+        orbits, found = np.full((*shape, rest.size + 1), np.nan), MapResult.empty(shape)
 
         def do(begin: int) -> None:
-            own = slice(begin, min(begin + COLUMNS, columns.size))
-            matrices = [np.empty((*force[:, own].shape, 2 * n, 2 * n)) for n in (split, base.size - split)]
+            part = slice(begin, min(begin + COLUMNS, columns.size))
+            here = len(models), part.stop - part.start
+            matrices = [np.empty((*here, 2 * n, 2 * n)) for n in (split, base.size - split)]
             kernel.map_columns(
-                own.start, own.stop, scaled[columns], equal, rest.ravel(), *terms, *steps, orbits, *matrices, force
-            )
-            duration = 2.0 * np.pi / scaled[columns[own]]
+                part.start, part.stop, scaled[columns], is_even, rest.ravel(), *terms, *steps, orbits, *matrices,
+                found.smallest_force,
+            )  # fmt: skip
+            found.smallest_force[:, part] *= base.force_scale
+            duration = 2.0 * np.pi / scaled[columns[part]]
             decay = np.exp(-0.5 * base.damping * duration)
             for k in range(1 + (base.size > split)):
-                mu = eigenvalues(matrices[k]) * decay[:, None]
-                growth[k, :, own], kind[k, :, own] = growth_of(mu, duration)
-            found = orbits[:, own, :-1].reshape(*force[:, own].shape, -1, split)
-            tail[:, own] = tail_of(found)
+                growth, found.kind[k, :, part] = growth_of(eigenvalues(matrices[k]) * decay[:, None], duration)
+                found.growth[k, :, part] = growth * frequency_scale
+            coefficients = orbits[:, part, :-1].reshape(*here, -1, split)
+            found.tail[:, part] = tail_of(coefficients)
             for a in range(len(models)):
-                response[a, own] = _responses(base, found[a], steps[1])
-            computed[begin : begin + COLUMNS] = True
+                found.response[a, part] = _responses(base, coefficients[a], steps[1])
+            found.finished[:, part] = True
 
         def settled() -> np.ndarray:
-            return computed & ((harmonics >= MAX_HARMONICS) | ~(np.nanmax(tail, axis=0, initial=0.0) > TAIL_RTOL))
+            largest = np.nanmax(found.tail, axis=0, initial=0.0)
+            return found.finished[0] & ((harmonics >= MAX_HARMONICS) | ~(largest > TAIL_RTOL))
 
         def told(_: int) -> None:
             progress((int(result.finished[0].sum()) + int((settled() & own).sum())) / omega.size)
@@ -151,23 +157,17 @@ def compute_map(
         finally:  # after Ctrl-C the columns that are settled
             flagged = ~settled()
             kept = own & ~flagged
-            into = columns[kept]
-            result.growth[:, :, into], result.kind[:, :, into] = growth[:, :, kept] * frequency_scale, kind[:, :, kept]
-            result.response[:, into], result.smallest_force[:, into] = (
-                response[:, kept],
-                force[:, kept] * base.force_scale,
-            )
-            result.tail[:, into], result.finished[:, into] = tail[:, kept], True
+            result.take(found, kept, columns[kept])
 
         def refine(place: tuple[int, int, int]) -> None:
             k, a, f = place
             first, second = (State(z, base.is_planar, split) for z in orbits[a, f : f + 2])
-            result.add_edge(Solver(models[a]), first, second, (k, a, int(columns[f])), int(kind[k, a, f : f + 2].max()))
+            kinds = found.kind[k, a, f : f + 2]
+            result.add_edge(Solver(models[a]), first, second, (k, a, int(columns[f])), int(kinds.max()))
 
         places = [
             (k, a, f)
-            for k, found in _changes(kind, base.size > split)
-            for a, f in zip(*(index.tolist() for index in found), strict=True)
+            for k, a, f in changes(found.kind)
             if columns[f + 1] == columns[f] + 1 and not (flagged[f] and flagged[f + 1])
         ]
         map_threads(refine, places, cores())
@@ -188,7 +188,7 @@ def compute_map(
         harmonics = min(2 * harmonics, MAX_HARMONICS)
 
 
-def _equal_steps(amplitudes: np.ndarray) -> np.ndarray:
+def even_steps(amplitudes: np.ndarray) -> np.ndarray:
     """Return whether the last four amplitudes differ by equal steps, up to a hundredth, at each of them."""
     result = np.zeros(amplitudes.size, dtype=bool)
     steps = np.diff(amplitudes)
@@ -198,14 +198,11 @@ def _equal_steps(amplitudes: np.ndarray) -> np.ndarray:
     return result
 
 
-def _changes(kind: np.ndarray, both: bool) -> list[tuple[int, tuple[np.ndarray, ...]]]:
-    """Return for each set the places (amplitudes, frequencies) after which stable and unstable orbits change."""
-    found = []
-    for k in range(1 + both):
-        unstable, failed = kind[k] > 0, kind[k] == FAILED
-        change = (unstable[:, 1:] != unstable[:, :-1]) & ~failed[:, 1:] & ~failed[:, :-1]
-        found.append((k, np.nonzero(change)))
-    return found
+def changes(kind: np.ndarray) -> list[tuple[int, int, int]]:
+    """Return set, amplitude and frequency after which one of two neighbours is unstable; kinds (2, amplitudes, frequencies)."""
+    unstable, known = kind > STABLE, kind != FAILED
+    change = (unstable[..., 1:] != unstable[..., :-1]) & known[..., 1:] & known[..., :-1]
+    return [(k, a, f) for k, a, f in np.argwhere(change).tolist()]
 
 
 def _strides(omega: np.ndarray, highest: float, samples: int, most: int) -> np.ndarray:

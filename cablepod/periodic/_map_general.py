@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cablepod.periodic import _fields as fields
 from cablepod.periodic._continuation import adapted_at
 from cablepod.periodic._general import solver_of
-from cablepod.periodic._map import HARMONICS, MapResult
+from cablepod.periodic._map import HARMONICS, MapResult, changes, even_steps
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._multipliers import FAILED, growth_of
+from cablepod.periodic._multipliers import growth_of
 from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import Solver, State, sets_of
 
@@ -28,53 +28,56 @@ def compute_general_map(
     """Do :func:`cablepod.periodic._map.compute_map` with the number of harmonics of single orbits, in one thread."""
     scale = base.scales[0]
     check_period(base, 2.0 * np.pi / omega[0] * scale)
-    known: list[list[State]] = [[] for _ in omega]  # the last three responses at each frequency, without a gap
-    last: list[State | None] = [None for _ in omega]
+    is_even = even_steps(amplitudes)
+    states: list[list[State | None]] = [[] for _ in omega]  # at each frequency, by rising amplitude
     for a, model in enumerate(models):
-        solver = solver_of(model)
-        now: list[State | None] = []
+        solver, now = solver_of(model), dict[int, State]()
         for f, value in enumerate(omega):
-            state = _found(solver, float(value) / scale, known[f], last[f])
-            now.append(state)
-            known[f] = [] if state is None else [*known[f][-2:], state]
-            last[f] = last[f] if state is None else state
+            rest = solver.rest(float(value) / scale, HARMONICS)
+            state = _solved(solver, guesses(rest, states[f], bool(is_even[a])))
+            states[f].append(state)
             if state is not None:
+                now[f] = state
                 _judge(solver, state, result, (a, f))
             result.finished[a, f] = True
             progress((a * omega.size + f + 1) / result.response.size)
-        _add_edges(solver, now, result, a)
+        for k, _, f in changes(result.kind[:, a : a + 1]):
+            result.add_edge(solver, now[f], now[f + 1], (k, a, f), int(result.kind[k, a, f : f + 2].max()))
         model.forget_rows()
 
 
-def _found(solver: Solver, omega: float, known: list[State], last: State | None) -> State | None:
-    """Return the response at a frequency from one of the first guesses; None for none."""
-    for guess in _guesses(solver, omega, known, last):
+def guesses(rest: State, states: Sequence[State | None], is_even: bool) -> Iterator[State]:
+    """Yield first guesses of a response, as the compiled map takes them.
+
+    Parameters
+    ----------
+    rest
+        State of rest at the frequency.
+    states
+        Responses of all smaller amplitudes, None where none was found.
+    is_even
+        Whether the last four amplitudes differ by equal steps.
+    """
+    from cablepod.periodic._kernels_map import GUESSES, first_guess  # numba is imported only to compute
+
+    newest = list(reversed(states))
+    known = [state for state in newest if state is not None][:3]
+    count = next((i for i, state in enumerate(newest) if state is None), len(newest)) if known else -1
+    rest = rest.resized(max([rest.harmonics, *(state.harmonics for state in known)]))
+    last = np.stack([state.resized(rest.harmonics).z for state in [*known, rest, rest, rest][:3]])
+    for number in range(GUESSES):
+        z = rest.z.copy()
+        if first_guess(number, last, count, is_even, rest.z[:-1], rest.size, z):
+            yield replace(rest, z=z)
+
+
+def _solved(solver: Solver, guesses: Iterable[State]) -> State | None:
+    """Return the response from the first guess that leads to one; None for none."""
+    for guess in guesses:
         state, _, iterations = adapted_at(solver, guess)
         if iterations > 0:
             return state
     return None
-
-
-def _guesses(solver: Solver, omega: float, known: list[State], last: State | None) -> Iterator[State]:
-    """Yield first guesses: along the last three or two responses, the last one, rest, others, as the compiled map does."""
-    from cablepod.periodic._kernels_map import SIZES, TURNS, scaled_and_turned  # numba is imported only to compute
-
-    if known:
-        most = max(state.harmonics for state in known)
-        z = [state.resized(most).z for state in known]
-        like = known[-1].resized(most)
-        if len(z) == 3:
-            yield like.changed((3.0 * (z[2] - z[1]) + z[0])[:-1].reshape(-1, like.size), omega)
-        if len(z) > 1:
-            yield like.changed((2.0 * z[-1] - z[-2])[:-1].reshape(-1, like.size), omega)
-    if last is not None:
-        yield last
-    yield solver.rest(omega, HARMONICS)
-    if last is not None:
-        for k in range(SIZES * TURNS):
-            other = last.z.copy()
-            scaled_and_turned(last.z, last.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, other)
-            yield last.changed(other[:-1].reshape(-1, last.size))
 
 
 def _judge(solver: Solver, state: State, result: MapResult, place: tuple[int, int]) -> None:
@@ -89,14 +92,3 @@ def _judge(solver: Solver, state: State, result: MapResult, place: tuple[int, in
     result.response[place] = fields.largest_deflection(model, fields.coordinates(model, state, phases))
     result.smallest_force[place] = stability.smallest_force
     result.tail[place] = state.tail
-
-
-def _add_edges(solver: Solver, states: list[State | None], result: MapResult, a: int) -> None:
-    """Locate the changes of stability between neighbouring frequencies at one amplitude."""
-    for f, (first, second) in enumerate(pairwise(states)):
-        if first is None or second is None:
-            continue
-        for k in range(len(sets_of(solver.model, first))):
-            kinds = result.kind[k, a, f : f + 2]
-            if (kinds[0] > 0) != (kinds[1] > 0) and kinds.max() < FAILED:
-                result.add_edge(solver, first, second, (k, a, f), int(kinds.max()))

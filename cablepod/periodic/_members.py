@@ -48,6 +48,20 @@ def model_of(
     return PeriodicModel.of(forcing, modes, rank=rank, order=order, out_of_plane=out_of_plane), forcing.omega
 
 
+def rising(progress: Callable[[float], None] | None) -> Callable[[float], None]:
+    """Return a callback that passes on completed fractions where they have grown; None to no callback."""
+    told = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal told
+        if share > told:
+            told = share
+            if progress is not None:
+                progress(share)
+
+    return tell
+
+
 def one_member(scene: xr.Dataset, function: str) -> None:
     """Refuse a scene with ``member``."""
     Members(scene)  # refuses what is no scene
@@ -64,6 +78,8 @@ def each_member(
 ) -> xr.Dataset:
     """Compute a scene, or each of its members one by one; `one` takes a scene and a callback of the completed fraction.
 
+    `progress` is told the end unless Ctrl-C came before.
+
     Members that fail hold nan or no text, and their reason in ``failure``.  Lists of edges and harmonics are filled up to the
     longest one.  Numeric attributes that differ become variables along ``member``, instants that differ ``member_time (member,
     time)``.  After Ctrl-C the result has what was computed, and the attribute ``incomplete``.
@@ -73,10 +89,20 @@ def each_member(
     KeyboardInterrupt
         On Ctrl-C before anything was computed.
     """
-    members = Members(scene)
-    told = progress or (lambda share: None)
-    if "member" not in scene.dims:
-        return one(scene, told)
+    members, told = Members(scene), progress or (lambda share: None)
+    result = _of_members(scene, members, one, told) if "member" in scene.dims else one(scene, told)
+    if "incomplete" not in result.attrs:
+        told(1.0)
+    return result
+
+
+def _of_members(
+    scene: xr.Dataset,
+    members: Members,
+    one: Callable[[xr.Dataset, Callable[[float], None]], xr.Dataset],
+    told: Callable[[float], None],
+) -> xr.Dataset:
+    """Do :func:`each_member` for a scene with ``member``."""
     results, reasons, interrupted = _results(scene, len(members), one, told)
     found = _with_own_times(_of_equal_size([result for result in results if result is not None]))
     if not found and interrupted:

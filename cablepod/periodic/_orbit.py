@@ -131,15 +131,12 @@ def orbit(
         return result
 
     result = each_member(scene, one, progress)
-    interrupted = "incomplete" in result.attrs
-    if progress is not None and not interrupted:
-        progress(1.0)
     parameters = {
         "rank": rank, "order": order, "periods": int(periods), "harmonics": harmonics, "out_of_plane": bool(out_of_plane),
         "outputs": list(wanted),
     }  # fmt: skip
     inputs = () if start is None else (start,)
-    kept = "some members" if interrupted else ""
+    kept = "some members" if "incomplete" in result.attrs else ""
     return output.record(result, "periodic.orbit", scene, modes, parameters, inputs, kept=kept)
 
 

@@ -112,13 +112,11 @@ def stability_map(
         return result
 
     result = each_member(scene, one, progress)
-    interrupted = "incomplete" in result.attrs
-    if progress is not None and not interrupted:
-        progress(1.0)
     parameters = {
         "frequency": omegas, "amplitude": amplitudes, "rank": rank, "out_of_plane": bool(out_of_plane),
     }  # fmt: skip
-    kept = f"{int((result['failure'] != INTERRUPTED).sum())} of {result['failure'].size} points" if interrupted else ""
+    finished = f"{int((result['failure'] != INTERRUPTED).sum())} of {result['failure'].size} points"
+    kept = finished if "incomplete" in result.attrs else ""
     return output.record(result, "periodic.stability_map", scene, modes, parameters, kept=kept)
 
 

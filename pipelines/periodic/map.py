@@ -44,8 +44,8 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing, scaled
-from cablepod.periodic._kernels_map import SIZES, TURNS, scaled_and_turned
-from cablepod.periodic._map import HARMONICS, TAIL_RTOL
+from cablepod.periodic._map import HARMONICS, TAIL_RTOL, even_steps
+from cablepod.periodic._map_general import guesses
 from cablepod.periodic._members import model_of
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._multipliers import NO_GROWTH
@@ -126,43 +126,18 @@ class ChainMap:
                 return states, harmonics, spent
             harmonics *= 2
 
-    @staticmethod
-    def _grown(omega: float, solvers: list[ChainSolver]) -> list[State | None]:
-        """Return the responses of all amplitudes."""
+    def _grown(self, omega: float, solvers: list[ChainSolver]) -> list[State | None]:
+        """Return the responses of all amplitudes, from the first guesses of the map."""
         states: list[State | None] = []
-        for solver in solvers:
+        for solver, is_even in zip(solvers, even_steps(self.amplitudes).tolist(), strict=True):
             found = None
-            for guess in _guesses(states, solver, omega):
+            for guess in guesses(solver.rest(omega), states, is_even):
                 state, _, iterations = solver.at_frequency(guess)
                 if iterations > 0:
                     found = state
                     break
             states.append(found)
         return states
-
-
-def _guesses(states: list[State | None], solver: ChainSolver, omega: float) -> Iterator[State]:
-    """Yield the first guesses of the map, in its order."""
-    last = [state for state in states[-3:] if state is not None]
-    whole = len(last) == len(states[-3:])
-    if len(last) == 3:
-        yield _with(last[-1], 3.0 * (last[-1].z - last[-2].z) + last[-3].z)
-    if len(last) > 1 and whole:
-        yield _with(last[-1], 2.0 * last[-1].z - last[-2].z)
-    earlier = next((state for state in reversed(states) if state is not None), None)
-    if earlier is not None:
-        yield earlier
-    rest = solver.rest(omega)
-    yield rest
-    for k in range(SIZES * TURNS if earlier is not None else 0):
-        z = rest.z.copy()
-        scaled_and_turned(earlier.z, earlier.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, z)
-        yield _with(rest, z)
-
-
-def _with(state: State, z: np.ndarray) -> State:
-    """Return a state with other unknowns, at the same frequency."""
-    return state.changed(z[:-1].reshape(-1, state.size), state.omega)
 
 
 def growths(solver: ChainSolver, state: State) -> tuple[np.ndarray, float]:
