@@ -302,7 +302,8 @@ class _Study:
         if iterations > 0 and near:
             branch.points[-1] = Point(state, direction, self.solver.stability(state, last.stride), last.stride)
         kept = self.low * (1.0 - 1e-12), self.high * (1.0 + 1e-12)
-        self.events = [event for event in self.events if kept[0] <= event.state.omega <= kept[1]]
+        # in place, as :meth:`_others` walks along it
+        self.events[:] = [event for event in self.events if kept[0] <= event.state.omega <= kept[1]]
 
     def _tell(self, point: Point) -> None:
         """Report progress: the share of the range that the main branch has passed, at most 0.9."""

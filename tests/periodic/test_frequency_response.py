@@ -41,6 +41,15 @@ def test_folds_are_where_the_branch_turns_back(whirling):
         assert (fold - omega[k]) * (omega[k] - omega[k - 1]) >= -1e-12
 
 
+def test_branches_that_leave_from_side_branches_are_followed_after_others_have_ended():
+    scene = guy(angular_frequency=12.6, amplitude=0.004)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    response = cp.periodic.frequency_response(scene, modes, frequency=(12.0, 12.9), outputs=())
+    whirling = (response.bifurcation_kind == "pitchfork") & (response.bifurcation_set == "out_of_plane")
+    assert (response.bifurcation_branch > 1).values[whirling].any()
+    assert (response.leads_to > 0).values[whirling].all()
+
+
 def test_a_multiplier_is_one_or_minus_one_at_located_bifurcations(whirling):
     scene, modes, response = whirling
     for k in range(response.sizes["bifurcation"]):
