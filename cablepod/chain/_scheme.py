@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -171,8 +171,7 @@ def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
         return GivenStep(run, steps_per_second)
     if request.scheme is not None or run is not explicit:
         return Refinement(run.comparable_runs(), request.tolerance)
-    options = request.of_run(explicit.times, progress=explicit.progress, air=explicit.air)
-    trapezoidal = ImplicitChainRun(explicit.chain, explicit.initial, explicit.title, **options)
+    trapezoidal = ImplicitChainRun(**{item.name: getattr(explicit, item.name) for item in fields(explicit)})
     steps_per_second = 1.0 / explicit.resolving(explicit.unforced_step)
     seconds = 3.0 * explicit.end_time * steps_per_second * explicit.chain.links * LINK_STEP
     return SchemeChoice(

@@ -132,6 +132,23 @@ def test_decay_in_time_is_that_of_the_linear_theory(scheme: str) -> None:
     assert found == pytest.approx(expected, rel=0.01)  # the start is no mode of the damped chain
 
 
+def test_long_implicit_steps_that_are_chosen_have_dampers_and_springs() -> None:
+    scene = cp.make_scene({
+        "cable": {"area": 3.1e-4, "youngs_modulus": 1.6e11, "density": 7850.0, "top_tension": 5e3},
+        "ends": {"lower": [0.0, 0.0], "upper": [60.0, 0.0]},
+        "motion": {"upper": {"y": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 0.5, "ramp": 4.0}}},
+        "attachment": [{"arc_length": 0.2, "spring": 3e3, "damper": 3e2, "direction": [0.0, 1.0]}],
+        "time": {"duration": 10.0, "interval": 0.25}, "chain": {"links": 40},
+    })  # fmt: skip
+    options = {"tolerance": 1e-2, "outputs": ("position",)}
+    chosen = cp.chain.simulate(scene, **options)
+    explicit = cp.chain.simulate(scene, scheme="velocity_verlet", **options)
+    assert chosen.attrs["choice_of_scheme"].startswith("implicit")
+    motion = np.abs(explicit.position - explicit.position[0]).max()
+    # without attachments the difference is 0.15, with them 0.001
+    assert np.abs(chosen.position - explicit.position).max() < 0.01 * motion
+
+
 def test_decay_at_a_node_is_none() -> None:
     found, _ = decay("trapezoidal", 2, 0.5, 20.0)
     assert abs(found) < 1e-6  # of the fit, as the tension varies with the motion; that of mode 1 is 6e-3
