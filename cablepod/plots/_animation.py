@@ -202,8 +202,8 @@ def animate(
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
     times = positions["chain"]["time"].values
-    count = min(_count(chain, times) if frames is None else integer(least=1)("frames", frames), times.size)
-    picked = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
+    most = _count(chain, times) if frames is None else integer(least=1)("frames", frames)
+    picked = _style.spread(times.size, most)
     curves = list(_style.curves(runs, positions, times[picked], deflection=deflection).values())
     ax = _style.private_axes() if ax is None else ax
     ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[picked[0]]:g} s")

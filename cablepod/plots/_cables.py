@@ -69,13 +69,18 @@ def shapes(
     if reduced is not None:
         title += "\nlines: " + _style.name(reduced, "reduced cable")
     if positions["chain"].sizes["coordinate"] > 2:
-        where = "across the plane of chord and y" if across else "in the plane of chord and y"
-        title += f"\n{where}" if deflection else f"\nseen along {'y' if across else 'z'}"
+        where = f"{'across' if across else 'in'} the plane of chord and y"
+        title += f"\n{where if deflection else _seen_along(across)}"
     if deflection:
         ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
     else:
         _style.equal_axes(ax, "z" if across else "y")
     return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
+
+
+def _seen_along(across: bool) -> str:
+    """Return how a spatial cable is seen."""
+    return f"seen along {'y' if across else 'z'}"
 
 
 def _moves_across(position: np.ndarray, *, deflection: bool = False) -> bool:
@@ -139,7 +144,7 @@ def snapshots(
     title = f"dots: {_style.name(chain, 'chain')}\nlines: {_style.name(cable, 'cable')}\ngrey: at t = "
     title += f"{positions['cable']['time'].values[0]:g} s\ndisplacements × {factor:g}"
     if first.shape[1] > 2:
-        title += f"\nseen along {'y' if across else 'z'}"
+        title += f"\n{_seen_along(across)}"
     _style.equal_axes(ax, "z" if across else "y")
     return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
@@ -255,7 +260,7 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         raise scene_error("run", f"tension {dict(array.sizes)}", "two instants and two links at least")
     ax = _style.axes(ax)
     mesh = _style.colour_cells(ax, across, up, array.values.T)
-    _style.label_axis(ax.figure.colorbar(mesh, ax=ax).ax.yaxis, "tension [N]", array.values)
+    _style.colour_bar(ax, mesh, "tension [N]", array.values)
     slack = array.values.T <= 0.0
     if slack.any():
         _style.hatch_cells(ax, mesh, slack, "white")
@@ -315,7 +320,7 @@ def _wanted(position: xr.DataArray, times: Sequence[float] | np.ndarray | None) 
     """Return the checked instants [s], or evenly spread ones by default."""
     if times is None:
         instants = position["time"].values
-        return instants[np.linspace(0, instants.size - 1, min(DEFAULT_INSTANTS, instants.size)).round().astype(int)]
+        return instants[_style.spread(instants.size, DEFAULT_INSTANTS)]
     wanted = numbers_list()("times", np.atleast_1d(times) if np.isscalar(times) else times)
     if len(wanted) > MAX_INSTANTS:
         raise scene_error("times", f"{len(wanted)} instants", f"one to {MAX_INSTANTS}")

@@ -97,12 +97,8 @@ def parameter_map(
             ax.clabel(lines, fontsize=8, colors=["white" if level < middle else "black" for level in lines.levels])
     else:
         drawn = ax.scatter(across[~missing], up[~missing], c=values[~missing], cmap="cividis", edgecolors="0.4", s=36)
-    bar = ax.figure.colorbar(drawn, ax=ax)
-    for axis, name, drawn_values, of in (
-        (ax.xaxis, x, across, in_hertz[0]),
-        (ax.yaxis, y, up, in_hertz[1]),
-        (bar.ax.yaxis, variable, values, False),
-    ):
+    _style.colour_bar(ax, drawn, _label(result, variable), values)
+    for axis, name, drawn_values, of in ((ax.xaxis, x, across, in_hertz[0]), (ax.yaxis, y, up, in_hertz[1])):
         _style.label_axis(axis, _label(result, name, hertz=of), drawn_values)
     marks = [f"{lacking.sum()} members without {x} or {y} left out"] if across.size < lacking.size else []
     if missing.any():

@@ -74,8 +74,8 @@ def animate_mast(
     for array in (heights, moved, guys, tension):
         if not np.isfinite(array.values).all():
             raise SceneError(f"run: given {array.name} that is not finite; allowed: finite numbers, {MOVING}")
-    count = min(MOST_FRAMES if frames is None else integer(least=1)("frames", frames), moved.sizes["time"])
-    picked = np.unique(np.linspace(0, moved.sizes["time"] - 1, count).round().astype(int))
+    most = MOST_FRAMES if frames is None else integer(least=1)("frames", frames)
+    picked = _style.spread(moved.sizes["time"], most)
     level = heights.values.astype(float)
     displacement, position = (array.values[picked].astype(float) for array in (moved, guys))
     force = 1e-3 * tension.values[picked].astype(float)

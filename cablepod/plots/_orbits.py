@@ -54,7 +54,7 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
         k = int(np.argmin(np.abs(_style.sigma("orbits", one) - sigma)))
         paths.append((time, *(part[:, k] for part in _deflections("orbits", position))))
     spatial = any(np.abs(lateral).max() > 1e-12 * max(np.abs(normal).max(), 1e-300) for _, normal, lateral in paths)
-    ax = _style.axes(ax, size=(5.5, 4.2) if spatial else (7.5, 4.2))
+    ax = _style.axes(ax, size=_style.EQUAL_SIZE if spatial else _style.SIZE)
     for k, (time, normal, lateral) in enumerate(paths):
         across, up = (lateral, normal) if spatial else (normal, np.gradient(normal, time))
         label = f"orbit {k + 1}"

@@ -215,8 +215,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
     unstable = values > ROUNDING * frequency.values
     drawn_values = values if variable == "response" else np.where(unstable, values, np.nan)
     drawn = _style.colour_cells(ax, omega, size, np.ma.masked_invalid(drawn_values))
-    bar = ax.figure.colorbar(drawn, ax=ax, pad=0.02)
-    _style.label_axis(bar.ax.yaxis, label, values)
+    _style.colour_bar(ax, drawn, label, values)
     if "edge_set" in result and variable != "response":
         for name, colour in (("in_plane", _style.COLOURS[1]), ("out_of_plane", _style.COLOURS[0])):
             which = _style.texts("result", result, "edge_set", ("edge",), MAP) == name
@@ -277,7 +276,7 @@ def multipliers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         _style.take("result", result, f"multiplier_{part}", ("multiplier",), ORBIT, more=1).values.ravel()
         for part in ("real", "imag")
     )
-    ax = _style.axes(ax, size=(5.5, 4.2))
+    ax = _style.axes(ax, size=_style.EQUAL_SIZE)
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     ax.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=1.0)
     outside = np.hypot(real, imag) > 1.0 + 1e-7

@@ -21,6 +21,8 @@ LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8,
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 #: Size of a figure [inch]: the width of A4 between its margins.
 SIZE = (7.5, 4.2)
+#: The same for equal scales across and up.
+EQUAL_SIZE = (5.5, 4.2)
 #: Maximum and default number of instants in a figure.
 MAX_INSTANTS, DEFAULT_INSTANTS = 6, 5
 #: Number of markers along a line with many points.
@@ -72,6 +74,11 @@ def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
     axis.set_label_text(
         textwrap.fill(f"{text}\N{NO-BREAK SPACE}{units}", LABEL_WIDTH).replace("\N{NO-BREAK SPACE}", " ")
     )
+
+
+def colour_bar(ax: Axes, drawn: Any, label: str, values: np.ndarray) -> None:
+    """Add a colour bar of what is drawn, labelled as by :func:`label_axis`."""
+    label_axis(ax.figure.colorbar(drawn, ax=ax, pad=0.02).ax.yaxis, label, values)
 
 
 def equal_axes(ax: Axes, up: str = "y") -> None:
@@ -183,6 +190,11 @@ def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
 def sigma(key: str, dataset: xr.Dataset) -> np.ndarray:
     """Return S / L0 [1] of the particles."""
     return relative_arc_length(taken(key, dataset, WITH_PLACES))
+
+
+def spread(count: int, most: int) -> np.ndarray:
+    """Return at most so many of `count` places, evenly spread, with the first and the last one."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def instants(key: str, times: np.ndarray, wanted: np.ndarray) -> np.ndarray:

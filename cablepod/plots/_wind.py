@@ -59,8 +59,9 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
     choice(*names)("component", component)
     up, label = _heights(wind)
     ax = _style.axes(ax)
-    mesh = _style.colour_cells(ax, array["time"].values, up, values[..., names.index(component)].T)
-    ax.figure.colorbar(mesh, ax=ax, label=f"velocity of the air along {component} [m/s]", pad=0.02)
+    drawn = values[..., names.index(component)].T
+    mesh = _style.colour_cells(ax, array["time"].values, up, drawn)
+    _style.colour_bar(ax, mesh, f"velocity of the air along {component} [m/s]", drawn)
     ax.set(xlabel="time [s]", ylabel=label)
     return ax
 
@@ -221,7 +222,7 @@ def _bars(
             drawn.set_clim(0.0, float(size.max()))
             ax.add_collection(drawn)
     if drawn is not None:
-        _style.label_axis(ax.figure.colorbar(drawn, ax=ax, pad=0.02).ax.yaxis, f"range of the cycle [{units}]", size)
+        _style.colour_bar(ax, drawn, f"range of the cycle [{units}]", size)
 
 
 def _series(key: str, given: Any) -> tuple[np.ndarray, np.ndarray]:
