@@ -71,7 +71,6 @@ class PreparedScene(NamedTuple):
 
     explicit: ExplicitChainRun
     run: ChainRun  #: by the requested scheme, explicit if there is none
-    limit: float  #: largest stable explicit step at the start [s]
     steps_per_second: float | None  #: by the given step, None without
 
 
@@ -100,15 +99,14 @@ def prepare(
     attached = attached_forces(chain, initial, air)
     options = request.of_run(instants, progress=progress, air=air, attached=attached)
     explicit = ExplicitChainRun(chain, initial, title, **options)
-    limit = explicit.step_limit
     run: ChainRun = explicit
     scheme = implicit_scheme(p, request.scheme, implicit.SCHEMES)
     if scheme not in (None, explicit.scheme):
         run = ImplicitChainRun(chain, initial, title, scheme, request.radius, **options)
-    explicit_limit = limit if run is explicit else None
+    explicit_limit = explicit.step_limit if run is explicit else None
     others = "; implicit schemes have none"
     steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, explicit.limit_text + others)
-    return PreparedScene(explicit, run, limit, steps_per_second)
+    return PreparedScene(explicit, run, steps_per_second)
 
 
 def solve(ready: PreparedScene, request: ChainRequest) -> Solution:
@@ -166,7 +164,7 @@ def _with_links(p: Parameters, links: int) -> Parameters:
 
 def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
     """Return the search of the solution of a scene: with the given scheme and step, or with those chosen by tolerance."""
-    explicit, run, limit, steps_per_second = ready
+    explicit, run, steps_per_second = ready
     if steps_per_second is not None:
         return GivenStep(run, steps_per_second)
     if request.scheme is not None or run is not explicit:
@@ -178,7 +176,7 @@ def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
         explicit.comparable_runs(),
         trapezoidal.comparable_runs(),
         request.tolerance,
-        step_limit=limit,
+        step_limit=explicit.step_limit,
         explicit_seconds=None if request.given_tolerance is not None else seconds,
         max_steps_per_second=2.0 * steps_per_second / IMPLICIT_COST,
     )
