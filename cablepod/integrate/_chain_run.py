@@ -49,21 +49,20 @@ class Trajectory:
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
     means: Means = None  #: time mean and root mean square of the tensions (n,) [N]
+    #: Of rigid links, whose positions do not tell them (times, n) [N]; None for elastic ones, and where they are no output
+    tension: np.ndarray | None = None
 
     def only(self, times: np.ndarray) -> Trajectory:
         """Return the trajectory at some of its instants [s]."""
         rows = np.isin(self.instants.times, times)
         if rows.all():
             return self
-        diagnostics = dict(self.diagnostics)
-        if "tension" in diagnostics:  # of rigid links
-            diagnostics["tension"] = diagnostics["tension"][rows]
         return replace(
             self,
             instants=OutputTimes.of(self.instants.times[rows], self.instants.steps_per_second),
             position=self.position[rows],
             velocity=None if self.velocity is None else self.velocity[rows],
-            diagnostics=diagnostics,
+            tension=None if self.tension is None else self.tension[rows],
         )
 
 

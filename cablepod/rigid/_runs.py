@@ -80,11 +80,8 @@ class RigidRun(NewtonRun):
             elif "tension" in self.outputs:
                 tension = stepper.states(instants.times, x, v, np.zeros(len(x), dtype=bool))[1]
         x, v = (np.ascontiguousarray(np.moveaxis(array, 1, 2)) for array in (x, v))
-        state = Trajectory(instants, x, v, extremes, means=of_steps)
-        state.diagnostics = stepper.diagnostics()
-        if tension is not None and "tension" in self.outputs:
-            state.diagnostics["tension"] = tension
-        return state
+        output = tension if "tension" in self.outputs else None
+        return Trajectory(instants, x, v, extremes, stepper.diagnostics(), means=of_steps, tension=output)
 
     def initial_velocity_jump(self) -> dict[str, float]:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.
@@ -96,7 +93,8 @@ class RigidRun(NewtonRun):
 
     def tension(self, state: Trajectory) -> np.ndarray:
         """Return the tensions (times, links) [N]."""
-        return state.diagnostics["tension"]
+        assert state.tension is not None
+        return state.tension
 
     def has_kinks(self, state: Trajectory) -> bool:
         """Return False: rigid links carry compression."""
@@ -109,9 +107,8 @@ class RigidRun(NewtonRun):
     def attributes(self, state: Trajectory) -> dict[str, Any]:
         """Return the attributes of the result."""
         diagnostics = dict(state.diagnostics)
-        tension = diagnostics.pop("tension", None)
-        if tension is not None:
-            diagnostics |= _compression(tension, state.instants.times)
+        if state.tension is not None:
+            diagnostics |= _compression(state.tension, state.instants.times)
         if state.extremes is not None:
             diagnostics["smallest_tension"] = float(state.extremes[0].min())
         return {
