@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -13,7 +12,7 @@ from cablepod.batch._members import inside_members
 from cablepod.catenary._sag import irvine_parameter
 from cablepod.catenary._statics import solve_statics
 from cablepod.discretisation._chain import square
-from cablepod.errors import CoarseWarning, SceneError, user_stacklevel
+from cablepod.errors import CoarseWarning, SceneError, warn
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import SINES
@@ -129,11 +128,10 @@ def warn_of_few_elements(p: Parameters, elements: int, order: int, end_time: flo
 
 
 def _warn(given: str, why: str, remedy: str) -> None:
-    warnings.warn(
+    warn(
         f"{given}, too few for the continuous cable: an error of more than {100.0 * LIKELY:g} % of the motion is likely ({why}); "
         f'try {remedy}; the output "error_estimate" tells the error of a run',
         CoarseWarning,
-        stacklevel=user_stacklevel(),
     )
 
 

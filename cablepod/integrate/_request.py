@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -14,7 +13,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import check_times
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
+from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, warn
 from cablepod.integrate._means import wants_means
 from cablepod.integrate._progress import Rising
 from cablepod.integrate._window import ROUNDING
@@ -89,11 +88,10 @@ def check_resolved(step: float, time_scale: float) -> None:
         With both numbers; the stability limit does not exclude such steps.
     """
     if step > MAX_STEP_RATIO * time_scale:
-        warnings.warn(
+        warn(
             f"step: given {step:.6g} s does not resolve motions and loads, with {time_scale / step:.2g} steps in their shortest "
             f"time scale of {time_scale:.4g} s; give a step below {MAX_STEP_RATIO * time_scale:.3g} s, or a tolerance instead",
             NotConvergedWarning,
-            stacklevel=user_stacklevel(),
         )
 
 
@@ -125,11 +123,9 @@ def check_steps(step: float, end_time: float) -> None:
     if steps > MAX_GIVEN_STEPS:
         raise scene_error("step", step, f"at least {end_time / MAX_GIVEN_STEPS:.3g} s, for {end_time:g} s of time")
     if steps > MAX_SILENT_STEPS:
-        warnings.warn(
+        warn(
             f"step: given {step:.6g} s takes {steps:.3g} steps, {steps / STEPS_PER_MINUTE:.2g} minutes or longer; "
-            "try a longer step, or a tolerance instead",
-            UserWarning,
-            stacklevel=user_stacklevel(),
+            "try a longer step, or a tolerance instead"
         )
 
 

@@ -6,11 +6,10 @@ runs of one search in turn; a batch computes those of many searches together.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, warn
 from cablepod.integrate._comparison import ComparableRuns
 from cablepod.integrate._refinement import MAX_WORK, Compared, Rules, Verdict, judge
 
@@ -184,4 +183,4 @@ def _warn_not_converged(verdict: Verdict, tolerance: float) -> None:
             f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
             "shorter step, or a larger tolerance"
         )
-    warnings.warn(text, NotConvergedWarning, stacklevel=user_stacklevel())
+    warn(text, NotConvergedWarning)

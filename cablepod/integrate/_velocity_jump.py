@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from cablepod.batch._members import inside_members
 from cablepod.catenary._piecewise import is_piecewise
 from cablepod.catenary._statics import load_plane, piecewise_statics, solve_statics, unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.errors import SceneError, VelocityJumpWarning, user_stacklevel
+from cablepod.errors import SceneError, VelocityJumpWarning, warn
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._parameters import Parameters
@@ -41,12 +40,11 @@ def warn_of_velocity_jump(p: Parameters, *, prefix: str = "") -> None:
         jump = _jump(p)
         if jump.tension > MAX_WAVE_TENSION * jump.rest:  # false for nan, of a slack cable without weight
             air = "" if p.wind is None else " in still air"
-            warnings.warn(
+            warn(
                 f"{prefix}{jump.key}: starts from rest at {jump.speed:.3g} m/s, a jump that sends an axial wave of "
                 f"{jump.tension:.3g} N ({100.0 * jump.tension / jump.rest:.2g} % of the tension at rest{air}) along the cable "
                 f"and into the peaks of the tension; try: {jump.key}.ramp = {jump.ramp:.2g} s, a smooth start",
                 VelocityJumpWarning,
-                stacklevel=user_stacklevel(),
             )
 
 
