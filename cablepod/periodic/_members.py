@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import INTERRUPTED, attribute_labels
+from cablepod.batch._stack import MemberResults, arrays_of, labelled_like
+from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, SceneError, one_of, scene_error
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing
@@ -103,39 +104,36 @@ def _of_members(
     told: Callable[[float], None],
 ) -> xr.Dataset:
     """Do :func:`each_member` for a scene with ``member``."""
-    results, reasons, interrupted = _results(scene, len(members), one, told)
+    results, failures, interrupted = _results(scene, len(members), one, told)
     found = _with_own_times(_of_equal_size([result for result in results if result is not None]))
     if not found and interrupted:
         raise KeyboardInterrupt
     if not found:
         raise SceneError(
-            f"scene: given no member with a result ({reasons[0]}); allowed: members with periodic responses"
+            f"scene: given no member with a result ({failures[0]}); allowed: members with periodic responses"
         )
-    blank = {"f": np.nan, "U": "", "b": False}
-    empty = found[0].copy(
-        data={name: np.full_like(v.values, blank.get(v.dtype.kind, 0)) for name, v in found[0].data_vars.items()}
-    )
-    of_points = "failure" in empty  # of the points of a map
-    rest = iter(found)
-    parts = []
-    for result, reason in zip(results, reasons, strict=True):
-        part = empty if result is None else next(rest)
-        if of_points and reason:
-            part = part.assign(failure=(part["failure"].dims, np.full(part["failure"].shape, reason)))
-        parts.append(part)
-    joined = xr.concat(parts, "member", join="override", data_vars="all", coords="different", compat="equals")
-    joined = _with_attributes(joined, results)
-    varied: dict[str, Any] = {
-        str(name): variable
-        for name, variable in scene.variables.items()
-        if variable.dims == ("member",) and name != "member"
-    }
-    joined = joined.assign_coords(
-        member=scene["member"] if "member" in scene.coords else np.arange(len(members)), **varied
-    )
-    if not of_points:
-        joined["failure"] = ("member", np.array(reasons))
-        joined["failure"].attrs.update(units="1", long_name="reason why the member has no result")
+    stack, rest = MemberResults(len(members)), iter(found)
+    for i, failure in enumerate(failures):
+        if failure is None:
+            result = next(rest)
+            own = {name: value for name, value in result.attrs.items() if name not in (*result.variables, "incomplete")}
+            stack.store(i, arrays_of(result), own)
+    stack.failures = failures
+    reasons = np.array(["" if failure is None else str(failure) for failure in failures])
+    for i in np.flatnonzero(reasons).tolist():
+        stack.fill_failed(i)
+    labels = {"units": "1", "long_name": "reason why the member has no result"}
+    failed: tuple[Any, ...] = ("member", reasons, labels)
+    if "failure" in found[0]:  # of the points of a map
+        dims, texts = stack.variables["failure"]
+        failed = (
+            dims,
+            np.where(reasons[:, None, None], reasons[:, None, None], texts.astype(str)),
+            found[0].failure.attrs,
+        )
+    joined = labelled_like(stack, scene, found[0]).assign(failure=failed)
+    if "member" not in joined.coords:
+        joined = joined.assign_coords(member=np.arange(len(members)))
     joined["member"].attrs.update(units="1", long_name="number of the member of an ensemble")
     if interrupted:
         joined.attrs["incomplete"] = 1
@@ -147,31 +145,31 @@ def _results(
     count: int,
     one: Callable[[xr.Dataset, Callable[[float], None]], xr.Dataset],
     told: Callable[[float], None],
-) -> tuple[list[xr.Dataset | None], list[str], bool]:
+) -> tuple[list[xr.Dataset | None], list[Exception | None], bool]:
     """Return results of members, reasons of those without one, and whether Ctrl-C came before the last of them was complete."""
 
     def share_of(i: int) -> Callable[[float], None]:
         return lambda share: told((i + share) / count)
 
     results: list[xr.Dataset | None] = []
-    reasons: list[str] = []
+    failures: list[Exception | None] = []
     interrupted = False
     for i in range(count):
         try:
             part = one(scene.isel(member=i), share_of(i))
             results.append(part)
-            reasons.append("")
+            failures.append(None)
             interrupted = "incomplete" in part.attrs
             told((i + 1) / count)
         except (SceneError, RunStopped) as error:
             results.append(None)
-            reasons.append(str(error))
+            failures.append(error)
         except KeyboardInterrupt:
             interrupted = True
         if interrupted:
             break
     left = count - len(results)
-    return [*results, *[None] * left], [*reasons, *[INTERRUPTED] * left], interrupted
+    return [*results, *[None] * left], [*failures, *[RunStopped(INTERRUPTED)] * left], interrupted
 
 
 def _of_equal_size(results: list[xr.Dataset]) -> list[xr.Dataset]:
@@ -182,34 +180,20 @@ def _of_equal_size(results: list[xr.Dataset]) -> list[xr.Dataset]:
         number = max((result[dim].values for result in results), key=np.size)
         along = {name: v.dtype.kind for name, v in results[0].data_vars.items() if dim in v.dims}
         fill = {name: "" if kind == "U" else missing for name, kind in along.items()}
-        texts = [name for name, kind in along.items() if kind == "U"]
-        filled = [result.reindex({dim: number}, fill_value=fill) for result in results]
-        results = [result.assign({name: result[name].astype("U15") for name in texts}) for result in filled]
+        results = [result.reindex({dim: number}, fill_value=fill) for result in results]
     return results
 
 
 def _with_own_times(results: list[xr.Dataset]) -> list[xr.Dataset]:
-    """Replace instants that differ between members by the coordinate ``member_time``, over a dimension without labels."""
+    """Replace instants that differ between members by the coordinate ``member_time``, over a dimension without labels.
+
+    Those that differ by rounding are the first ones.
+    """
     if not results or "time" not in results[0].coords:
         return results
     if all(np.allclose(result["time"], results[0]["time"], rtol=1e-12, atol=0.0) for result in results):
-        return results
+        return [result.assign_coords(time=results[0]["time"]) for result in results]
     return [
         result.drop_vars("time").assign_coords(member_time=("time", result["time"].values, result["time"].attrs))
         for result in results
     ]
-
-
-def _with_attributes(joined: xr.Dataset, results: list[xr.Dataset | None]) -> xr.Dataset:
-    """Turn numeric attributes that differ between members into variables along ``member``; leave other such attributes out."""
-    attrs = [result.attrs if result is not None else None for result in results]
-    present = [each for each in attrs if each is not None]
-    for name in dict.fromkeys(name for each in present for name in each):
-        values = [each.get(name) for each in present]
-        if all(value == values[0] for value in values):
-            continue
-        joined.attrs.pop(name, None)
-        if name not in joined and all(isinstance(value, int | float) for value in values):
-            numbers = [np.nan if each is None else float(each[name]) for each in attrs]
-            joined[name] = ("member", numbers, attribute_labels(name))
-    return joined
