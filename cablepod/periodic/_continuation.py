@@ -126,7 +126,8 @@ def zero_between(
     Returns
     -------
     tuple or None
-        Share of the whole way and point there; None without a change of sign, with one by a jump, or where a point is missing.
+        Share of the whole way and point there; None without a change of sign, with one by a jump, or where the points that are
+        there are not near the zero.
     """
     from scipy.optimize import brentq  # costly to import
 
@@ -146,7 +147,8 @@ def zero_between(
         jumps = len(values) > MANY_EVALUATIONS and min(map(abs, values.values())) > small
         return 0.0 if share not in points or jumps else values[share]  # 0 ends the search
 
-    share = float(brentq(value, 0.0, 1.0, xtol=tolerance, disp=False))
+    brentq(value, 0.0, 1.0, xtol=tolerance, disp=False)
+    share = min(points, key=lambda share: abs(values[share]))
     return (share, points[share]) if abs(values[share]) <= small else None
 
 

@@ -119,9 +119,17 @@ def test_a_zero_between_two_points_is_no_jump():
     def between(low, high, share):
         return low + share * (high - low)
 
+    def beside(low, high, share):
+        """No point at the zero, where the Jacobian is singular."""
+        x = between(low, high, share)
+        return None if abs(x**3 - 10.0) < 1e-6 else x
+
     share, point = zero_between((1.0, 3.0), between, lambda x: x**3 - 10.0, 1e-14)
     assert point == pytest.approx(10.0 ** (1.0 / 3.0), rel=1e-13)
     assert share == pytest.approx(0.5 * (point - 1.0), rel=1e-13)
+    found = zero_between((1.0, 3.0), beside, lambda x: x**3 - 10.0, 1e-14)
+    assert found is not None
+    assert abs(found[1] ** 3 - 10.0) < 1e-3 * 17.0  # of the larger end
     assert zero_between((1.0, 3.0), between, lambda x: x, 1e-14) is None
     assert zero_between((1.0, 3.0), between, lambda x: 1.0 / (x - 1.7), 1e-14) is None
     assert zero_between((1.0, 3.0), lambda *_: None, lambda x: x - 1.7, 1e-14) is None
