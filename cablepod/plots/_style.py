@@ -78,7 +78,7 @@ def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
 
 def colour_bar(ax: Axes, drawn: Any, label: str, values: np.ndarray) -> None:
     """Add a colour bar of what is drawn, labelled as by :func:`label_axis`."""
-    label_axis(ax.figure.colorbar(drawn, ax=ax, pad=0.02).ax.yaxis, label, values)
+    label_axis(ax.figure.colorbar(drawn, ax=ax).ax.yaxis, label, values)
 
 
 def equal_axes(ax: Axes, up: str = "y") -> None:
