@@ -66,7 +66,7 @@ def substitute(matrix, pivots, x):
 
 
 @compiled(fastmath=REORDERED_FUSED)
-def harmonic_blocks(mean, count, matrix):
+def harmonic_blocks(mean, count, odd, matrix):
     """Fill the action of a periodic matrix on harmonics: rows of harmonics, times harmonics, over a period.
 
     Products of two harmonics are those of their sum and difference.  For harmonic 0 both rows and both columns are one: what is
@@ -76,18 +76,19 @@ def harmonic_blocks(mean, count, matrix):
     ----------
     mean
         Fourier sums of the matrix at the samples, over their number, up to twice the highest harmonic (4 H + 1, n, n).
-    count
-        Number of harmonics with harmonic 0.
+    count, odd
+        Number of harmonics; 0 for 0, 1, 2, ..., 1 for the odd halves 1/2, 3/2, ... of a motion over two periods, which the study
+        in ``pipelines/periodic`` has.
     matrix
         Filled: the unknowns in the order cosine, sine of each harmonic, all n together.
     """
     n = mean.shape[1]
     for i in range(count):
-        ci, si = max(2 * i - 1, 0) * n, 2 * i * n
+        ci, si = max(2 * i - 1 + odd, 0) * n, (2 * i + odd) * n
         weight = 0.5 if si == 0 else 1.0
         for j in range(count):
-            cj, sj = max(2 * j - 1, 0) * n, 2 * j * n
-            low, high = abs(i - j), i + j
+            cj, sj = max(2 * j - 1 + odd, 0) * n, (2 * j + odd) * n
+            low, high = abs(i - j), i + j + odd
             sign = 1.0 if i > j else -1.0
             for a in range(n):
                 for b in range(n):
@@ -141,7 +142,7 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
                 for b in range(n):
                     mean[c, a, b] += weight * tangent[j, a, b]
     if derives:
-        harmonic_blocks(mean, harmonics + 1, jacobian)
+        harmonic_blocks(mean, harmonics + 1, 0, jacobian)
     for i in range(1, harmonics + 1):
         factor = i / periods
         frequency = omega * factor

@@ -129,7 +129,7 @@ class ChainMap:
     def _grown(self, omega: float, solvers: list[ChainSolver]) -> list[State | None]:
         """Return the responses of all amplitudes, from the first guesses of the map."""
         states: list[State | None] = []
-        for solver, is_even in zip(solvers, even_steps(self.amplitudes).tolist(), strict=True):
+        for solver, is_even in zip(solvers, even_steps(self.amplitudes).tolist(), strict=False):
             found = None
             for guess in guesses(solver.rest(omega), states, is_even):
                 state, _, iterations = solver.at_frequency(guess)
