@@ -76,12 +76,12 @@ class MapResult(NamedTuple):
             self.edges[place] = (found[1].omega * solver.model.scales[0], kind)
 
 
-def _stacked(models: list[PeriodicModel], n: int, phases: int) -> Forced:
-    """Return terms and forcing of the first n coordinates of all amplitudes, these first."""
-    parts = [model.forced(n, phases, 1) for model in models]
-    terms = LeadingTerms(*map(np.stack, zip(*(part.terms for part in parts), strict=True)))
-    candidates, rows = (np.stack([getattr(part, name) for part in parts]) for name in ("candidates", "rows"))
-    return Forced(terms, candidates, rows, parts[0].damping)
+def _stacked(models: list[PeriodicModel], sizes: tuple[int, ...], phases: int) -> list[Forced]:
+    """Return terms and forcing of all amplitudes, these first, of the first coordinates of each number in `sizes`."""
+    parts = [[model.forced(n, phases, 1) for model in models] for n in sizes]
+    candidates, rows = (np.stack([getattr(part, name) for part in parts[0]]) for name in ("candidates", "rows"))
+    terms = [LeadingTerms(*map(np.stack, zip(*(part.terms for part in own), strict=True))) for own in parts]
+    return [Forced(own, candidates, rows, models[0].damping) for own in terms]
 
 
 def _responses(model: PeriodicModel, coefficients: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -119,7 +119,7 @@ def compute_map(
         """Compute columns with a number of harmonics, the `own` ones for the result; return those that need more."""
         samples, shape = 4 * harmonics + 4, (len(models), columns.size)
         phases = samples * stride
-        terms = [_stacked(models, size, phases) for size in (split, base.size)]
+        terms = _stacked(models, (split, base.size), phases)
         steps = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics), stride
         rest = np.zeros((1 + 2 * harmonics, split))
         rest[0] = base.rest[:split] / length_scale
