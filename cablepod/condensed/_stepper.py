@@ -136,7 +136,10 @@ class CondensedStepper:
         final = begin + steps == self.total
         first = np.searchsorted(output_steps, begin)
         last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
-        boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
+        after = steps - 1 if run.explicit else steps  # the last row of the boundary data
+        if begin == 0 and run.scheme == FOURTH_ORDER:  # whose first step takes the loads of three instants
+            after = max(after, min(2, self.total))
+        boundary_data = run.model.boundary_data(begin, after, self.steps_per_second)
         self.boundary_data[first:last] = boundary_data[output_steps[first:last] - begin]
         record = Record.at(begin, output_steps, self.saved[None], self.half_step_rates[None])
         advance = self._advance_leading if run.leading else self._advance_exact

@@ -112,6 +112,16 @@ def test_default_scheme_at_heavy_damping(soft, modes, damping, scheme):
     assert float(cp.compare.errors(run, fine).error_max) <= max(0.2 * run.attrs["error_estimate"], 2e-6)
 
 
+@pytest.mark.parametrize("scheme", ["numerov", "velocity_verlet"])
+def test_a_window_that_begins_at_the_first_step_leaves_the_motion_as_it_is(soft, modes, scheme):
+    """Blocks of steps end where the window begins, and the first step of Numerov's method needs the loads of three instants."""
+    motion = {"upper": {"x": {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": 5.0}}}
+    scene = cp.make_scene({**soft, "motion": motion})
+    options = {"rank": 2, "scheme": scheme, "step": 0.01, "times": [0.01, 0.5], "outputs": ("tension_extremes",)}
+    whole, within = (cp.condensed.simulate(scene, modes[2], window=part, **options) for part in (None, (0.01, 0.5)))
+    np.testing.assert_array_equal(within.amplitude, whole.amplitude)
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_explicit_and_implicit_steps_agree(soft, modes, order):
     scene = cp.make_scene(everything(soft))
