@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -60,10 +61,13 @@ def warn_of_members(scene: xr.Dataset) -> None:
             speeds = np.array([np.abs(p.initial_end_rates[0]).max() if p.motions else 0.0 for p in members])
     except SceneError:
         return  # the run of that member says why
-    fastest = int(speeds.argmax())
-    if speeds[fastest] > 0.0:
+    for fastest in np.argsort(-speeds, kind="stable").tolist():
+        if not speeds[fastest] > 0.0:
+            return
         prefix = f"member {members.name(fastest)}, whose ends start fastest of {len(members)}: "
-        warn_of_velocity_jump(members[fastest], prefix=prefix)
+        with suppress(SceneError):  # the run of that member says why
+            warn_of_velocity_jump(members[fastest], prefix=prefix)
+            return
 
 
 class _Jump(NamedTuple):

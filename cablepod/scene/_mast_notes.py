@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -220,7 +221,8 @@ def warn_of_unusual_mast(p: MastParameters, tension: Any = None) -> None:
 def warn_of_unusual_mast_members(scene: xr.Dataset) -> None:
     """Warn of the worst note on some members of a scene with a mast, in still air."""
     for index in checked_members(range(scene.sizes["member"])) if may_warn() else ():
-        p = mast_parameters(scene.isel(member=index))
-        if notes_of_mast(p):
-            warn_of_unusual_mast(p)
-            return
+        with suppress(SceneError):  # the run of that member says why
+            p = mast_parameters(scene.isel(member=index))
+            if notes_of_mast(p):
+                warn_of_unusual_mast(p)
+                return

@@ -81,7 +81,10 @@ def warn_of_unusual_members(scene: xr.Dataset) -> None:
     """Warn of the worst note on up to :data:`MEMBERS_CHECKED` members of a scene, the first and the last among them."""
     members = Members(scene)
     for index in checked_members(members):
-        p = members[index]
+        try:
+            p = members[index]
+        except SceneError:  # the run of that member says why
+            continue
         if _warning(p):
             warn_of_unusual(p)
             return

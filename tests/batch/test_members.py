@@ -50,6 +50,24 @@ def test_failing_members_stop_nobody_else(soft):
         cp.chain.simulate(joined(soft, cable_top_tension=[1.0, 2.0]), step=1e-3)
 
 
+def test_a_failing_member_may_be_one_whose_ends_start_fastest(soft):
+    motion = {"upper": {"x": {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": 5.0}}}
+    scenes = joined({**soft, "motion": motion}, cable_top_tension=[1.0, 230.0, 240.0])
+    with (
+        pytest.warns(errors.MemberFailedWarning, match=r"1 of 3 members .* member 0: cable\.top_tension"),
+        pytest.warns(errors.VelocityJumpWarning, match="member 1, whose ends start fastest of 3"),
+    ):
+        run = cp.chain.simulate(scenes, step=1e-3)
+    np.testing.assert_array_equal(run.failure == "", [False, True, True])
+
+
+def test_a_member_that_lacks_a_key_stops_nobody_else(soft):
+    scenes = joined(soft, cable_top_tension=[230.0, np.nan, 240.0])
+    with pytest.warns(errors.MemberFailedWarning, match=r"1 of 3 members .* member 1: cable: given none"):
+        run = cp.chain.simulate(scenes, step=1e-3)
+    np.testing.assert_array_equal(run.failure == "", [True, False, True])
+
+
 def test_parameters_may_be_coordinates(soft):
     scenes = cp.make_scene({**soft, "damping": {"mass_proportional": 0.5}})
     scenes = scenes.assign(damping_mass_proportional=("member", [0.5, 2.0], scenes.damping_mass_proportional.attrs))
