@@ -245,8 +245,8 @@ def beam_of(p: MastParameters) -> Beam:
     """Make the mesh of a mast: nodes at all guys, loads and ends of sections, the other elements where they are longest."""
     ends = [0.0, p.height, *p.sections[:, TOP], *(guy.level for guy in p.guys), *(load.level for load in p.loads)]
     places = np.unique(ends)
-    apart = np.diff(places) > CLOSE * p.height
-    places = np.concatenate([places[:1], places[1:][np.append(apart[1:], True)]])  # the foot and the top stay
+    apart = np.append(np.diff(places) > CLOSE * p.height, True)
+    places = np.append(0.0, places[apart & (places > CLOSE * p.height)])  # the foot and the top stay
     spans = np.diff(places)
     count = np.ones(spans.size, dtype=int)
     while count.sum() < p.elements:

@@ -83,6 +83,16 @@ def test_a_load_close_to_a_guy_leaves_the_frequencies(gap, guys):
     np.testing.assert_allclose(close.angular_frequency, far.angular_frequency, rtol=2e-5)
 
 
+def test_a_load_right_above_the_foot_makes_no_element():
+    # whose stiffness would have no digit left
+    def at(level):
+        return small(lambda mapping: mapping["mast"].update(load=[{"level": level, "force": [1.0, 0.0, 0.0]}]))
+
+    guy, foot = (cp.mast.frequencies(at(level), count=4, guys="catenary") for level in (28.0, 1e-10))
+    # the force at the guy bends the mast by 1e-7 of its height
+    np.testing.assert_allclose(foot.angular_frequency, guy.angular_frequency, rtol=1e-6)
+
+
 def test_condensed_guys_that_do_not_hold_the_mast_have_no_frequencies():
     def slack(mapping):
         mapping["guy"][0] |= {"top_tension": 300.0, "radius": 30.0}
