@@ -64,6 +64,7 @@ EXCEPTIONS = {
     ("subscript", "errors[0]"): "the error of the first batch, raised again",
     ("subscript", "failed[0][1]"): "the error of the first member, raised again where all failed",
     # caught inside the package: no user sees them
+    ("RunStopped", "{INTERRUPTED}"): "the word in `failure` of members that Ctrl-C left out, not raised",
     ("name", "KeyboardInterrupt"): "after SIGINT or SIGTERM, whose line the command has printed",
     ("ValueError", "it is another kind of file"): "caught a few lines below",
     ("ValueError", "its last line is not whole"): "caught, the message of a damaged file tells it",
