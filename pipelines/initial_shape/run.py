@@ -94,7 +94,7 @@ def search(
     """
     from scipy.optimize import minimize  # slow to import
 
-    base, target = scene("example2"), starts.printed()
+    base, target = scene("example2"), examples.printed_values()
     rng = np.random.default_rng(seed)
     cable = rng.uniform(*cable_lengths, size=draws)
     start = cable + rng.uniform(*differences, size=draws)
@@ -143,7 +143,7 @@ def integrators() -> None:
     """Run Example 2 from equilibrium with standard integrators at tolerances near their defaults."""
     given = scene("example2")
     times = np.arange(125.0)
-    target = starts.printed()
+    target = examples.printed_values()
     for method, rtol, atol in (
         ("RK45", 1e-3, 1e-6),
         ("RK23", 1e-3, 1e-6),
