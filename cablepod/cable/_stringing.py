@@ -19,8 +19,7 @@ from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.cable._frequencies import converged_vibrations
 from cablepod.cable._summary import largest_tensions, rest_in_wind, utilisation
-from cablepod.catenary._sag import sag_of_scene
-from cablepod.catenary._statics import load_plane, solve_statics
+from cablepod.catenary._statics import load_plane, sag_of_scene, solve_statics
 from cablepod.conventions import STILL_AIR, label
 from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, warn
 from cablepod.parameters._check_tables import check_table

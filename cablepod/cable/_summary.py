@@ -16,8 +16,8 @@ from cablepod.cable._mesh import mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import element_count
 from cablepod.cable._start import converged_equilibrium
-from cablepod.catenary._sag import irvine_parameter, sag_of_scene
-from cablepod.catenary._statics import load_plane, piecewise_statics
+from cablepod.catenary._sag import irvine_parameter
+from cablepod.catenary._statics import load_plane, piecewise_statics, sag_of_scene
 from cablepod.chain._summary import numbers_at_rest, numbers_of_chain
 from cablepod.conventions import AIR_OF_EACH, ENDINGS_OF_AIR, STILL_AIR, label, names_in_air
 from cablepod.discretisation._chain import square

@@ -20,11 +20,8 @@ import numpy as np
 
 from cablepod.catenary._bracket import force_by_sag
 from cablepod.catenary._formulas import sag_excess
-from cablepod.catenary._piecewise import is_piecewise
-from cablepod.catenary._statics import load_plane, piecewise_statics
 from cablepod.catenary._uniform import check_solved, solve_catenary
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._parameters import Parameters
 
 #: Turn below which the second form is used.
 SMALL_TURN = 0.5
@@ -73,13 +70,6 @@ def sag_of(plane: Sequence[float], stiffness: float, statics: Sequence[float]) -
     else:
         curved = across * turn - (tension - lower)
     return 0.5 * load * place * place / stiffness + curved / load
-
-
-def sag_of_scene(p: Parameters, statics: np.ndarray) -> float:
-    """Return the sag of the cable of a scene in still air [m], along the load, for its statics (6,)."""
-    if is_piecewise(p):
-        return piecewise_statics(p, p.length_key, p.length_value).sag
-    return sag_of(load_plane(p)[:4], p.stiffness, statics.tolist())
 
 
 def force_of_sag(plane: Sequence[float], stiffness: float, sag: float, *, name: str) -> float:

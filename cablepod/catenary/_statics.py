@@ -12,6 +12,7 @@ import numpy as np
 from cablepod.catenary._formulas import FOUND, SLACK_WEIGHTLESS
 from cablepod.catenary._piecewise import PiecewiseCatenary, is_piecewise, is_slack_weightless, pieces_of
 from cablepod.catenary._piecewise_solve import solve_pieces
+from cablepod.catenary._sag import force_of_sag, forces_of_sags, sag_of
 from cablepod.catenary._uniform import LoadPlane, check_solved, resolved, solve_catenaries, solve_catenary
 from cablepod.parameters._parameters import Parameters
 
@@ -44,8 +45,6 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     key, value = _as_tensioned(p, key, value, prefix)
     plane = [float(number) for number in load_plane(p)[:4]]
     if key == "sag":
-        from cablepod.catenary._sag import force_of_sag  # imports this file
-
         key, value = "horizontal_force", force_of_sag(plane, p.stiffness, value, name=f"{prefix}.sag")
     statics, status = solve_catenary(plane, p.stiffness, key, value)
     if status == SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
@@ -106,8 +105,6 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
     if p.bare is not None and key != "unstretched_length":
         key, value = "unstretched_length", p.expansion * member_statics(p.bare)[0][:, 0]
     if key == "sag":
-        from cablepod.catenary._sag import forces_of_sags  # imports this file
-
         key, value = "horizontal_force", forces_of_sags(plane[:4], p.stiffness, value)
     solutions, status = solve_catenaries(plane[:4], p.stiffness, key, value)
     return solutions, status == FOUND
@@ -116,6 +113,13 @@ def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
 def unstretched_length(p: Parameters) -> float:
     """Unstretched length of the cable of a scene [m], as given or from the given tension at rest."""
     return float(solve_statics(p, p.length_key, p.length_value)[0])
+
+
+def sag_of_scene(p: Parameters, statics: np.ndarray) -> float:
+    """Return the sag of the cable of a scene in still air [m], along the load, for its statics (6,)."""
+    if is_piecewise(p):
+        return piecewise_statics(p, p.length_key, p.length_value).sag
+    return sag_of(load_plane(p)[:4], p.stiffness, statics.tolist())
 
 
 @lru_cache(64)
