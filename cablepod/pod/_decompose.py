@@ -50,7 +50,8 @@ def decompose(
     rank
         Number of modes to keep, for each coordinate in layout "separate"; all by default.
     energy
-        Keep the smallest number of modes with this fraction of the sum of squared singular values, in (0, 1].
+        Keep the smallest number of modes with this fraction of the sum of squared singular values, in (0, 1], of each coordinate
+        or deflection that moves.
     layout
         "separate": modes for each coordinate, as in the paper; "vector": one set of modes for all coordinates; "normal": modes of
         the deflection normal to the instantaneous chord, for :mod:`cablepod.condensed`, in spatial scenes with a second set out

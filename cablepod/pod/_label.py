@@ -31,7 +31,7 @@ def check_options(layout: str, method: str, weights: str | None, rank: int | Non
         ("method", method, METHODS),
         ("weights", weights, WEIGHTS),
     ):
-        if value not in allowed:
+        if not isinstance(value, str | None) or value not in allowed:  # an array has no truth value
             raise scene_error(
                 key, value, "one of " + ", ".join(map(repr, allowed)) + did_you_mean(value, filter(None, allowed))
             )
@@ -60,9 +60,8 @@ def choose_rank(squares: np.ndarray, outside: np.ndarray, rank: int | None, ener
     number(above=0.0, most=1.0)("energy", energy)
     needed = 1
     for row, rest in zip(squares, outside[:, 0], strict=True):
-        if row.sum() > 0.0:
-            cumulative = np.cumsum(row) / (row.sum() + rest)
-            needed = max(needed, int(np.searchsorted(cumulative, energy * (1.0 - 1e-15))) + 1)
+        cumulative = np.cumsum(row) / (row.sum() + rest)
+        needed = max(needed, int(np.searchsorted(cumulative, energy * (1.0 - 1e-15))) + 1)
     return min(needed, most)
 
 
@@ -112,7 +111,9 @@ def labelled(
     # a power of two as unit: squares neither underflow nor overflow
     unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), discarded))[1].astype(float))[:, None]
     squares, outside = (values / unit) ** 2, (discarded[:, None] / unit) ** 2
-    kept = choose_rank(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
+    # the energy of a set along which nothing moves is rounding
+    moving = values[:, 0] > pod_normal.NO_MOTION * values.max()
+    kept = choose_rank(squares[moving], outside[moving], *choice, samples - bool(options["center"]))
     layout, root = options["layout"], weight_roots(like, options["weights"])
 
     def at_particles(rows: np.ndarray) -> np.ndarray:

@@ -13,6 +13,8 @@ from cablepod._inputs import floats
 from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
 from cablepod.errors import SceneError, scene_error
 
+#: Singular value over the largest of all sets of modes, up to which the snapshots do not move that way but by rounding.
+NO_MOTION = 1e-9
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")
 
@@ -44,7 +46,7 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
             raise SceneError(f"modes: given a Dataset without {' and '.join(missing)}; allowed: modes of pod.decompose")
         shape = floats(variables[f"mode_shape{suffix}"].values)
         if largest is not None:
-            shape = shape[variables[f"singular_value{suffix}"].values > 1e-9 * largest]
+            shape = shape[variables[f"singular_value{suffix}"].values > NO_MOTION * largest]
         result.append((suffix, shape))
     return result
 

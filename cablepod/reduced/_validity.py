@@ -11,6 +11,7 @@ import xarray as xr
 
 from cablepod.errors import OutOfRangeWarning, warn
 from cablepod.parameters._parameters import Parameters
+from cablepod.pod._normal import NO_MOTION
 
 #: Maximum ratio of the forcing frequency to the first axial one (above, waves run along the cable, which neither the condensed
 #: model nor modes of slower motion contain).
@@ -20,8 +21,6 @@ MAX_ESTIMATED_ERROR = 0.5
 #: Maximum tension of law (21) over that of the linear law, less 1 (above, the motion is that of another material: where tension
 #: holds the cable in place, positions differ by two to three times this fraction of the motion).
 MAX_EXTRA_TENSION = 0.05
-#: Largest singular value of a set of modes over that of all sets, up to which the snapshots do not move that way.
-NO_MOTION = 1e-9
 
 
 def first_axial_frequency(p: Parameters, length: Any) -> Any:

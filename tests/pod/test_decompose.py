@@ -126,6 +126,7 @@ def test_snapshots_that_cannot_be():
         cp.pod.decompose(snapshots.drop_vars("arc_length"))
     with pytest.raises(cp.SceneError, match=r"position: given the dimensions .*allowed: .*'time'"):
         cp.pod.decompose(snapshots.isel(time=0))
+        ({"weights": np.ones(12)}, r"weights: given array\(.*; allowed: one of None, 'length'"),
     with pytest.raises(cp.SceneError, match="one instant"):
         cp.pod.decompose(snapshots.isel(time=[0]))
     with pytest.raises(cp.SceneError, match="not finite"):

@@ -146,6 +146,10 @@ def test_a_planar_motion_in_space_has_the_modes_of_the_plane():
     np.testing.assert_allclose(space.singular_value, plane.singular_value, atol=1e-13)
     np.testing.assert_allclose(space.mode_shape[:4], plane.mode_shape[:4], atol=1e-10)
     assert not space.singular_value_out_of_plane.any()
+    # nor does rounding count as energy where the plane is not that of two axes
+    turned = wide.values @ [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]] + np.array([0.0, 0.0, 0.1])
+    tilted = cp.pod.decompose(cp.snapshots(turned, arc_length=snapshots.arc_length), layout="normal", energy=0.99)
+    assert tilted.sizes["mode"] == cp.pod.decompose(snapshots, layout="normal", energy=0.99).sizes["mode"]
     # modes that never moved are no coordinates of a model, whatever pushes it
     line = {"youngs_modulus": 2e7, "area": 1e-3, "density": 1000.0, "top_tension": 200.0}
     ends = {"lower": [0.0, 0.0, 0.0], "upper": [4.0, 3.0, 0.0]}
