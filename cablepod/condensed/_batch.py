@@ -83,7 +83,7 @@ def run(
         ends = computed_variable(("member", "time", "end", "coordinate"), shape, EndPositions(members, times, failed))
         stack.variables = {"end_position": ends, **stack.variables}
     numbers = places_of(unit, stack.variables, request.links).get("link_number")
-    coords = labels_of(unit, times) | ({} if numbers is None else {"link_number": numbers})
+    coords = labels_of(unit, times, modes) | ({} if numbers is None else {"link_number": numbers})
     places = [name for name in ("arc_length", "link_arc_length") if name in stack.variables]
     result = to_dataset(stack, scene, coords).set_coords(places)
     result.attrs = {"title": title, **result.attrs}

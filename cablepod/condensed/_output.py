@@ -36,6 +36,7 @@ from cablepod.integrate._output import (
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import window_attributes
 from cablepod.pod import _normal as pod_normal
+from cablepod.pod._project import numbers_of
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import energy_attributes, forcing_attributes
 
@@ -43,11 +44,11 @@ if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRequest, CondensedResult, CondensedRun
 
 
-def labels_of(model: CondensedModel, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the labels of the dimensions of a result."""
+def labels_of(model: CondensedModel, times: np.ndarray, modes: xr.Dataset | None) -> dict[str, np.ndarray]:
+    """Return the labels of the dimensions of a result, with the numbers of its modes where these are known."""
     return {
         "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
-        "mode": np.arange(1, model.rank + 1),
+        "mode": np.arange(1, model.rank + 1) if modes is None else numbers_of(modes, model.rank),
         "end": np.array(ENDS),
         "time": times,
     }
@@ -127,7 +128,7 @@ def shared_attributes(
 ) -> dict[str, Any]:
     """Return the attributes that runs with the same modes, scheme and step share."""
     energy = energy_attributes(modes, *map(len, model.modes))
-    options = {"order": model.order, "law": model.chain.law, "rank": model.rank}
+    options = {"order": model.order, "law": model.chain.law, "rank": model.rank, "layout": "normal"}
     return trajectory_attributes("condensed", scheme, instants, **options) | energy
 
 
@@ -138,10 +139,11 @@ def dataset(
     outputs: tuple[str, ...],
     title: str,
     links: np.ndarray | None = None,
+    modes: xr.Dataset | None = None,
 ) -> xr.Dataset:
     """Make the labelled Dataset of a run with given attributes."""
     arrays = variables(model, state, outputs, links)
-    result = labelled_dataset(arrays, labels_of(model, state.instants.times), places_of(model, arrays, links))
+    result = labelled_dataset(arrays, labels_of(model, state.instants.times, modes), places_of(model, arrays, links))
     result.attrs = {"title": title_of(model, title), **attrs}
     return result
 
@@ -171,7 +173,7 @@ def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: Condens
 def result_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest, title: str) -> xr.Dataset:
     """Make the Dataset of one run."""
     attrs = attributes_of(solution, modes, request)
-    return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)
+    return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links, modes)
 
 
 def stop_unstable(run: CondensedRun, state: CondensedTrajectory, step_number: int) -> NoReturn:

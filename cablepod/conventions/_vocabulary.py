@@ -73,7 +73,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     ),
     "tension_maximum_arc_length": ("m", "unstretched arc length from the lower end to the link of the largest tension"),
     "end_position": ("m", "position of the ends"),
-    "normal_reference": ("1", "first normal of the chord at the start, which its later normals refer to"),
+    "normal_reference": ("1", "direction that the first normals of the chord refer to"),
     "amplitude": ("m", "amplitude of the mode"),
     # small vibrations
     "angular_frequency": ("rad s-1", "angular frequency of small vibrations about rest"),

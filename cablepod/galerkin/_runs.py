@@ -29,6 +29,7 @@ from cablepod.integrate._output import (
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import Run
 from cablepod.integrate._window import window_attributes
+from cablepod.pod._project import numbers_of
 
 #: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
 #: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
@@ -230,14 +231,13 @@ class GalerkinRun(Run):
         if trajectory.extremes is not None:
             (_, least), (_, largest) = trajectory.record.peaks
             variables |= peak_variables(trajectory.extremes, (least, largest), middles_of(model.chain.arc_length))
-        numbers = self.modes.variables.get("mode")
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": (np.arange(count) if numbers is None else numbers.values)[:count],
+            "mode": numbers_of(self.modes, count),
             "end": np.array(ENDS),
         }
-        options = {"law": model.chain.law, "rank": count}
+        options = {"law": model.chain.law, "rank": count, "layout": model.layout}
         places: dict[str, Any] = {"arc_length": (("particle",), model.chain.arc_length)}
         if is_over_links(variables):
             places["link_arc_length"] = (("link",), middles_of(model.chain.arc_length))

@@ -155,6 +155,7 @@ def _decompose_matrix(
         like=snapshots,
         inputs=[snapshots],
         trained=range_of(snapshots),
+        reference=reference,
     )
 
 

@@ -80,6 +80,7 @@ def labelled(
     inputs: Sequence[xr.Dataset | provenance.Input],
     function: str = "pod.decompose",
     trained: np.ndarray | None = None,
+    reference: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Return the labelled Dataset of modes, with all derived quantities.
 
@@ -107,6 +108,8 @@ def labelled(
         For the history.
     trained
         Range of the training scenes (2, features), if known.
+    reference
+        Axis that the normals of layout "normal" refer to.
     """
     # a power of two as unit: squares neither underflow nor overflow
     unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), discarded))[1].astype(float))[:, None]
@@ -140,7 +143,7 @@ def labelled(
     variables = _variables(layout, shapes, {name: table[:, :kept] for name, table in tables.items()}, truncation)
     if layout != "normal":
         variables["mean"] = (("particle", "coordinate"), at_particles(np.concatenate(means)[None])[0])
-    variables["unstretched_length"] = ((), arc_length[-1])
+    variables |= {"unstretched_length": ((), arc_length[-1]), **pod_normal.reference_variable(reference)}
     # views of the tables of all modes would keep these in memory, and take longer to check
     result = xr.Dataset(
         {name: (dims, floats(array)) for name, (dims, array) in variables.items()},

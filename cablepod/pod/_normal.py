@@ -54,30 +54,25 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 def project(
     position: np.ndarray, modes: xr.Dataset, weight: np.ndarray
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """Return amplitudes (time, mode) [m] of positions (time, particle, dims) [m], name -> (dimensions, values)."""
-    parts = deflections(position)
-    result: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
-    for part, suffix in zip(parts, SETS, strict=False):
+    """Return amplitudes (time, mode) [m] of positions (time, particle, dims) [m], name -> (dimensions, values).
+
+    In space also ``normal_reference``, that of the modes, otherwise of the first chord.
+    """
+    frame = ChordFrame.of(position[:, -1] - position[:, 0], _reference_in("modes", modes))
+    result = reference_variable(frame.reference)
+    for part, suffix in zip(frame.split(position)[1], SETS, strict=False):
         shape = _values("modes", modes, f"mode_shape{suffix}", ("mode", "particle"))
         result[f"amplitude{suffix}"] = (("time", "mode"), (part * weight) @ shape.T)
     return result
 
 
 def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset, sigma: np.ndarray) -> np.ndarray:
-    """Return positions (time, particle, dims) [m] of amplitudes, with the same stretch along the chord in all links."""
+    """Return positions (time, particle, dims) [m] of amplitudes of all modes, with the same chordwise stretch in all links."""
     ends = floats(amplitudes["end_position"].values)
-    reference = None
-    if "normal_reference" in amplitudes.variables:  # that of a reduced model
-        reference = _values("amplitudes", amplitudes, "normal_reference", ("coordinate",))
-        if not abs(float(np.linalg.norm(reference)) - 1.0) < 1e-6:  # also for nan; files may have short floats
-            raise scene_error("amplitudes: normal_reference", reference.tolist(), "a unit vector")
-    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
-    rank, most = amplitudes.sizes["mode"], modes.sizes["mode"]
-    if rank > most:
-        raise scene_error("amplitudes", f"{rank} modes", f"at most {most}, the number of modes")
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], _reference_in("amplitudes", amplitudes))
     parts = [
         _values("amplitudes", amplitudes, f"amplitude{suffix}", ("time", "mode"))
-        @ _values("modes", modes, f"mode_shape{suffix}", ("mode", "particle"))[:rank]
+        @ _values("modes", modes, f"mode_shape{suffix}", ("mode", "particle"))
         for suffix in SETS[: ends.shape[2] - 1]
     ]
     length = np.diff(sigma) * float(_values("modes", modes, "unstretched_length", ()))
@@ -87,6 +82,21 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset, sigma: np.ndarray) ->
         [np.zeros((len(chordwise_stretch), 1)), np.cumsum(chordwise_stretch * length, axis=1)], axis=1
     )
     return frame.join(ends[:, 0], along, np.stack(parts))
+
+
+def reference_variable(reference: np.ndarray | None) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Return ``normal_reference``, name -> (dimensions, values), in space; nothing in the plane, where a chord has one normal."""
+    return {} if reference is None or reference.size == 2 else {"normal_reference": (("coordinate",), reference)}
+
+
+def _reference_in(key: str, dataset: xr.Dataset) -> np.ndarray | None:
+    """Return the axis that the normals of modes or amplitudes in space refer to, None where it is not known."""
+    if "normal_reference" not in dataset.variables:
+        return None
+    reference = _values(key, dataset, "normal_reference", ("coordinate",))
+    if not abs(float(np.linalg.norm(reference)) - 1.0) < 1e-6:  # also for nan; files may have short floats
+        raise scene_error(f"{key}: normal_reference", reference.tolist(), "a unit vector")
+    return reference
 
 
 def _values(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...]) -> np.ndarray:

@@ -42,6 +42,12 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     return fields.reshape(dims * most, particles, dims)
 
 
+def numbers_of(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
+    """Return the numbers of the first `rank` modes, or of all: their labels, which a selection keeps, otherwise from 1 on."""
+    numbers = modes.variables.get("mode")
+    return (np.arange(1, modes.sizes["mode"] + 1) if numbers is None else numbers.values)[:rank]
+
+
 def _split_amplitude(amplitude: np.ndarray, modes: xr.Dataset) -> tuple[tuple[str, ...], np.ndarray]:
     """Return dimensions and values of amplitudes (time, modes) in the order of :func:`mode_fields`."""
     if modes.attrs["layout"] != "separate":
@@ -124,7 +130,11 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         amplitude = np.einsum("tpc,mpc->tm", lifted * weight[:, None], mode_fields(modes))
         variables = {"amplitude": _split_amplitude(amplitude, modes)}
     result = amplitude_dataset(variables, ends, snapshots["time"].values, modes)
-    result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
+    result.attrs.update(
+        title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes",
+        stage="amplitudes",
+        layout=modes.attrs["layout"],
+    )
     return provenance.record(result, function="pod.project", parameters={}, inputs=[snapshots, modes])
 
 
@@ -133,6 +143,14 @@ def _check_coordinates(key: str, dataset: xr.Dataset, modes: xr.Dataset) -> None
     given, own = (part["coordinate"].values.tolist() for part in (dataset, modes))
     if given != own:
         raise scene_error(f"{key}: coordinate", given, f"those of the modes, {own}")
+
+
+def _modes_of(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
+    """Return the modes of the numbers of some amplitudes; refuse amplitudes of modes that are not there."""
+    wanted, own = numbers_of(amplitudes), numbers_of(modes)
+    if not np.isin(wanted, own).all():
+        raise scene_error("amplitudes: mode", wanted.tolist(), f"numbers of the modes, {own.tolist()}")
+    return modes if wanted.size == own.size else modes.isel(mode=np.searchsorted(own, wanted))
 
 
 def mean_of(modes: xr.Dataset) -> np.ndarray:
@@ -148,15 +166,20 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     amplitudes
-        Result of :func:`project` or of a reduced model; with fewer amplitudes than modes, the first modes are used.
+        Result of :func:`project` or of a reduced model; each amplitude is that of the mode of the same number (label ``mode``).
     modes
-        Modes of :func:`cablepod.pod.decompose`.
+        Modes of :func:`cablepod.pod.decompose`, at least those of the amplitudes.
 
     Returns
     -------
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m].  Layout "normal" has no displacements along the chord: all links then have
         the same stretch along it.
+
+    Raises
+    ------
+    SceneError
+        If the amplitudes are of another layout, of other coordinates or of modes that are not there.
 
     Examples
     --------
@@ -170,16 +193,17 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     True
     """
     amplitudes, modes = taken("amplitudes", amplitudes, AMPLITUDES), taken("modes", modes, MODES)
-    dims = {"separate": {"time", "coordinate", "mode"}}.get(modes.attrs["layout"], {"time", "mode"})
-    if set(amplitudes["amplitude"].dims) != dims:
-        raise scene_error(
-            "amplitudes", amplitudes["amplitude"].dims, f"those of modes with layout {modes.attrs['layout']!r}"
-        )
+    layout, given = modes.attrs["layout"], amplitudes["amplitude"].dims
+    dims = {"time", "coordinate", "mode"} if layout == "separate" else {"time", "mode"}
+    if set(given) != dims or amplitudes.attrs.get("layout", layout) != layout:
+        given = amplitudes.attrs.get("layout", given)
+        raise scene_error("amplitudes", given, f"those of modes with layout {layout!r}")
     _check_coordinates("amplitudes", amplitudes, modes)
-    if modes.attrs["layout"] == "normal":
+    modes = _modes_of(amplitudes, modes)
+    if layout == "normal":
         position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))
     else:
-        fields = mode_fields(modes, amplitudes.sizes["mode"])
+        fields = mode_fields(modes)
         amplitude = floats(amplitudes["amplitude"].values).reshape(amplitudes.sizes["time"], -1)
         ends = floats(amplitudes["end_position"].values)
         position = (

@@ -188,6 +188,7 @@ class Stream:
             inputs=list(self._inputs.values()),
             function=function,
             trained=self._trained,
+            reference=self._reference,
         )
 
     def _check_particles(self, snapshots: xr.Dataset) -> None:

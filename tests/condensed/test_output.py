@@ -103,7 +103,8 @@ def test_damping_acts_on_the_motion_of_the_frame_too(soft):
 def test_amplitudes_reconstruct_the_deflection_and_inputs_are_unchanged(soft, modes):
     scene = cp.make_scene(everything(soft, 3))
     before = scene.copy(deep=True), modes[3].copy(deep=True)
-    run = cp.condensed.simulate(scene, modes[3], rank=2, order="exact", step=1e-3, times=[0.5, 1.0])
+    picked = modes[3].isel(mode=[0, 2])  # found again by their numbers
+    run = cp.condensed.simulate(scene, picked, order="exact", step=1e-3, times=[0.5, 1.0])
     back = cp.pod.reconstruct(run, modes[3])
     e = run.end_position.isel(end=1).values - run.end_position.isel(end=0).values
     e = e / np.linalg.norm(e, axis=1, keepdims=True)
@@ -112,7 +113,7 @@ def test_amplitudes_reconstruct_the_deflection_and_inputs_are_unchanged(soft, mo
     assert np.abs(across).max() < 1e-12
     # along the chord the links are stretched differently, by T / K = 3e-3 of the length at most
     assert np.abs(difference).max() < 3e-3 * 10.0
-    bare = cp.condensed.simulate(scene, modes[3], rank=2, order="exact", step=1e-3, times=[0.5, 1.0], outputs=())
+    bare = cp.condensed.simulate(scene, picked, order="exact", step=1e-3, times=[0.5, 1.0], outputs=())
     assert not {"position", "velocity", "tension"} & set(bare.data_vars)
     np.testing.assert_array_equal(bare.amplitude, run.amplitude)
     xr.testing.assert_identical(scene, before[0])

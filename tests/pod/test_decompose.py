@@ -47,6 +47,24 @@ def test_all_modes_give_the_snapshots_back():
     np.testing.assert_array_equal(back.position[:, [0, -1]], snapshots.position[:, [0, -1]])
 
 
+@pytest.mark.parametrize("layout", ["separate", "vector", "normal"])
+def test_amplitudes_find_their_modes_by_number_and_layout(layout):
+    snapshots = made_up(dims=3)
+    modes = cp.pod.decompose(snapshots, layout=layout)
+    picked = modes.isel(mode=[0, 2])
+    amplitudes = cp.pod.project(snapshots, modes).isel(mode=[0, 2])
+    own = cp.pod.reconstruct(cp.pod.project(snapshots, picked), picked)
+    for given in (modes, picked):
+        np.testing.assert_array_equal(cp.pod.reconstruct(amplitudes, given).position, own.position)
+    with pytest.raises(
+        cp.SceneError, match=r"amplitudes: mode: given \[1, 3\]; allowed: numbers of the modes, \[1, 2\]"
+    ):
+        cp.pod.reconstruct(amplitudes, modes.isel(mode=[0, 1]))
+    others = cp.pod.decompose(snapshots, layout="vector" if layout == "normal" else "normal")
+    with pytest.raises(cp.SceneError, match=f"amplitudes: given '{layout}'; allowed: those of modes with layout"):
+        cp.pod.reconstruct(amplitudes, others)
+
+
 def test_the_singular_values_of_example_2(scenes):
     modes = cp.pod.decompose(cp.chain.simulate(cp.read_scene(scenes / "example2.toml"), step=2.5e-4))
     np.testing.assert_allclose(modes.singular_value.isel(mode=0), [7.048, 2.479], rtol=2e-3)
@@ -108,6 +126,7 @@ def test_inputs_are_not_modified_and_units_are_set():
         ({"layout": "joint"}, "layout: given 'joint'; allowed: one of 'separate', 'vector'"),
         ({"method": "magic"}, "method: given 'magic'; allowed: one of 'svd'"),
         ({"weights": "area"}, "weights: given 'area'"),
+        ({"weights": np.ones(12)}, r"weights: given array\(.*; allowed: one of None, 'length'"),
         ({"rank": 0}, "rank: given 0; allowed: a whole number of at least 1"),
         ({"rank": 11}, "rank: given 11; allowed: at most 10"),
         ({"energy": 1.5}, "energy: given 1.5"),
@@ -126,7 +145,6 @@ def test_snapshots_that_cannot_be():
         cp.pod.decompose(snapshots.drop_vars("arc_length"))
     with pytest.raises(cp.SceneError, match=r"position: given the dimensions .*allowed: .*'time'"):
         cp.pod.decompose(snapshots.isel(time=0))
-        ({"weights": np.ones(12)}, r"weights: given array\(.*; allowed: one of None, 'length'"),
     with pytest.raises(cp.SceneError, match="one instant"):
         cp.pod.decompose(snapshots.isel(time=[0]))
     with pytest.raises(cp.SceneError, match="not finite"):
