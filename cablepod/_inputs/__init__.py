@@ -25,7 +25,7 @@ from cablepod._inputs._kinds import (
     drawn_kind,
 )
 from cablepod._inputs._labels import ROUNDING
-from cablepod._inputs._taken import check_times, check_units, floats, numbers_in, powers, several, taken
+from cablepod._inputs._taken import check_ends, check_times, check_units, floats, numbers_in, powers, several, taken
 
 __all__ = [
     "AMPLITUDES",
@@ -43,6 +43,7 @@ __all__ = [
     "TRAJECTORY",
     "WITH_PLACES",
     "Kind",
+    "check_ends",
     "check_times",
     "check_units",
     "drawn_kind",

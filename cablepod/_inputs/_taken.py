@@ -14,7 +14,7 @@ from xarray import Dataset
 from xarray.indexes import PandasMultiIndex
 
 from cablepod._inputs._kinds import ALWAYS_READ, ANY, PLACES, Dims, Kind, rule_of
-from cablepod._inputs._labels import label_orders, place_orders
+from cablepod._inputs._labels import ROUNDING, label_orders, place_orders
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, ORDERED, is_in_memory
 from cablepod.errors import SceneError, scene_error, shown
@@ -56,7 +56,8 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     ------
     SceneError
         For something else than a Dataset, for missing variables and dimensions, labels that are repeated or not the package's,
-        instants that do not rise, particles without their arc length, other units, and values that are no finite numbers.
+        instants that do not rise, particles without their arc length, other units, values that are no finite numbers, and modes
+        that are not zero at both ends.
     """
     if not isinstance(given, Dataset):
         name = type(given).__name__
@@ -77,7 +78,11 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     orders = label_orders(key, variables, some=kind.some) | place_orders(key, variables)
     coords = given.coords
     if orders or not all(in_order) or not all(name in coords for name in ORDERED if name in variables):
-        return _tidied(key, given, kind, layout, orders)
+        given = _tidied(key, given, kind, layout, orders)
+    if kind.layouts:
+        for name, variable in given.variables.items():
+            if name == "mean" or str(name).startswith("mode_shape"):
+                check_ends(f"{key}: {name}", variable)
     return given
 
 
@@ -86,6 +91,14 @@ def several(key: str, given: Any, kind: Kind) -> list[xr.Dataset]:
     if not isinstance(given, list | tuple):
         return [taken(key, given, kind)]
     return [taken(f"{key}[{number}]", dataset, kind) for number, dataset in enumerate(given)]
+
+
+def check_ends(key: str, shapes: xr.Variable) -> None:
+    """Refuse shapes over ``particle`` that are not zero at both ends but by rounding."""
+    values = shapes.values
+    at_ends = float(np.abs(values.take((0, -1), shapes.dims.index("particle"))).max(initial=0.0))
+    if at_ends and not at_ends <= ROUNDING * (size := float(np.abs(values).max())):
+        raise scene_error(key, f"up to {at_ends:g} at the ends, of {size:g}", "zero at both ends")
 
 
 def floats(array: Any) -> np.ndarray:

@@ -19,14 +19,12 @@ from cablepod.condensed._reference_state import (
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame, normals_at_start
 from cablepod.discretisation._gll import gll_rule, integration_matrix
-from cablepod.errors import SceneError
+from cablepod.reduced._validity import check_independent
 
 #: Orders of approximation.  "leading": closure and force to first order in strain and squared slope, with second-order terms of a
 #: reference state; "exact": exact chordwise
 #: stretch; "inertial": exact, with the chordwise inertia that the deflection enforces.
 ORDERS = ("leading", "exact", "inertial")
-#: Maximum condition number of the modes' mass products (above, the modes are linearly dependent up to rounding).
-MAX_MODE_CONDITION = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +93,7 @@ class Coefficients:
         turns, squares = [], []
         for k, psi in enumerate(self.modes):
             slope, gram = np.diff(psi, axis=1) / self.chain.length, (psi * self.mass) @ psi.T
-            _check_independent(gram)
+            check_independent(gram)
             if self.reference_state is not None:
                 gram = gram + self._added_mass(slope, k)
                 values, vectors = orthogonal_coordinates((slope * self._slope_weights) @ slope.T, gram)
@@ -203,7 +201,7 @@ class Coefficients:
             inertia = chordwise_inertia(slope * shear, chain.length, chain.arc_length, chain.tributary_length)
             with_patterns = np.einsum("wn,an,in,jn->waij", weights, self.chordwise_force_patterns, slope, slope)
             gram = (psi * chain.tributary_length) @ psi.T
-            _check_independent(gram)
+            check_independent(gram)
             result.append((gram, inertia, (slope * weights[:, None]) @ slope.T, with_patterns))
         return result
 
@@ -354,9 +352,3 @@ class Coefficients:
         """First normal at the start (dims,), which the normals refer to, so that they hardly turn about the chord."""
         lower, upper = self.chain.p.initial_ends
         return normals_at_start(upper - lower)
-
-
-def _check_independent(gram: np.ndarray) -> None:
-    """Refuse modes whose mass products (r, r) show that some are sums of others."""
-    if gram.size and not np.linalg.cond(gram) < MAX_MODE_CONDITION:
-        raise SceneError("modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives")

@@ -17,6 +17,7 @@ from cablepod.discretisation._formulas import green_secant
 from cablepod.discretisation._laws import law_tension, taut_secant
 from cablepod.discretisation._lifting import line_between, weights_of_ends
 from cablepod.parameters._time_functions import TimeFunction
+from cablepod.reduced._validity import check_independent
 
 #: Number of instants whose mean is the mean of ends and loads.
 MEAN_INSTANTS = 201
@@ -51,7 +52,9 @@ class GalerkinModel:
     def mass_cholesky(self) -> np.ndarray:
         """Lower Cholesky factor of the mass matrix of the modes (modes, modes) [kg^1/2]."""
         inner = self.modes[:, 1:-1]
-        return np.linalg.cholesky(np.einsum("ipc,p,kpc->ik", inner, self.mass, inner))
+        products = np.einsum("ipc,p,kpc->ik", inner, self.mass, inner)
+        check_independent(products)
+        return np.linalg.cholesky(products)
 
     @cached_property
     def amplitudes_of_orthonormal(self) -> np.ndarray:

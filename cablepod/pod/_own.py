@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, floats, numbers_in, powers, taken
+from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, check_ends, floats, numbers_in, powers, taken
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, is_rising, label, shared_coordinates
 from cablepod.discretisation._chain import chain_of
@@ -350,12 +350,7 @@ def _orthonormal(values: np.ndarray, dims: tuple[Any, ...], weight: np.ndarray) 
 
     `values` have the dimensions `dims`; each set along a first dimension that is not ``mode`` is orthonormal in itself.
     """
-    size = np.abs(values).max()
-    ends = np.moveaxis(values, dims.index("particle"), 0)[[0, -1]]
-    if np.abs(ends).max() > ROUNDING * size or not size:
-        raise scene_error(
-            "shapes", f"up to {np.abs(ends).max():g} at the ends, of {size:g}", "zero at both ends, and not everywhere"
-        )
+    check_ends("shapes", xr.Variable(dims, values))
     sets = values if dims[0] != "mode" else values[None]
     root = np.sqrt(weight).reshape(-1, *[1] * (len(dims) - 1 - dims.index("particle")))
     result = []
@@ -385,7 +380,6 @@ def _mean(given: Any, shape: tuple[int, int]) -> np.ndarray:
     values = _values("mean", array)
     if values.shape != shape:
         raise scene_error("mean", f"the shape {values.shape}", f"{shape}, those of the shapes")
-    if np.abs(values[[0, -1]]).max() > ROUNDING * max(np.abs(values).max(), 1e-300):
-        raise scene_error("mean", values[[0, -1]].tolist(), "zero at both ends")
+    check_ends("mean", xr.Variable(PLACES[1:], values))
     values[[0, -1]] = 0.0
     return values

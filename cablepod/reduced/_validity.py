@@ -9,18 +9,26 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import OutOfRangeWarning, warn
+from cablepod.errors import OutOfRangeWarning, SceneError, warn
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod._normal import NO_MOTION
 
 #: Maximum ratio of the forcing frequency to the first axial one (above, waves run along the cable, which neither the condensed
 #: model nor modes of slower motion contain).
 MAX_FORCING_RATIO = 0.2
+#: Maximum condition number of the modes' mass products (above, the modes are linearly dependent up to rounding).
+MAX_MODE_CONDITION = 1e12
 #: Maximum estimated error as a fraction of the motion (above, the modes do not represent the motion).
 MAX_ESTIMATED_ERROR = 0.5
 #: Maximum tension of law (21) over that of the linear law, less 1 (above, the motion is that of another material: where tension
 #: holds the cable in place, positions differ by two to three times this fraction of the motion).
 MAX_EXTRA_TENSION = 0.05
+
+
+def check_independent(gram: np.ndarray) -> None:
+    """Refuse modes whose mass products (modes, modes) show that some are sums of others."""
+    if gram.size and not np.linalg.cond(gram) < MAX_MODE_CONDITION:
+        raise SceneError("modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives")
 
 
 def first_axial_frequency(p: Parameters, length: Any) -> Any:

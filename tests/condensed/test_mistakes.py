@@ -52,6 +52,7 @@ def test_invalid_options_are_refused(soft, modes):
         (viscous, m, {}, "^damping.link_viscosity: given 1.0; allowed: none for a reduced model"),
         (cp.make_scene(spatial(soft)), m, {}, "^modes: given 2 coordinates; allowed: the 3 coordinates of the scene$"),
         (scene, modes[3], {}, "^modes: given 3 coordinates; allowed: the 2 coordinates of the scene$"),
+        (scene, m.assign(mode_shape=m.mode_shape + 0.1), {}, "^modes: mode_shape: given .*at the ends.*; allowed: zero at both"),
         (scene, dependent, {}, "^modes: given some that are sums of others; allowed: independent ones"),
         (scene, scene, {}, "^modes: given a Dataset of stage .scene. without .*; allowed: modes of the deflection"),
     ]  # fmt: skip

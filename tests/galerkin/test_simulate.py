@@ -300,6 +300,14 @@ def test_scenes_and_options_that_cannot_be(soft):
     for some, options, match in cases:
         with pytest.raises(cp.SceneError, match=match):
             cp.galerkin.simulate(some, modes, **options)
+    dependent, lifted = modes.copy(deep=True), modes.assign(mean=modes["mean"] + 0.1)
+    dependent["mode_shape"][:, 1] = 2.0 * modes.mode_shape[:, 0].values
+    with pytest.raises(cp.SceneError, match=r"^modes: given some that are sums of others; allowed: independent ones"):
+        cp.galerkin.simulate(scene, dependent)
+    with pytest.raises(
+        cp.SceneError, match=r"^modes: mean: given 'up to 0\.1.* at the ends.*'; allowed: zero at both ends"
+    ):
+        cp.galerkin.simulate(scene, lifted)
     with pytest.raises(cp.SceneError, match=r"modes: given a Dataset.* without mode_shape.*pod\.decompose"):
         cp.galerkin.simulate(scene, scene)
 

@@ -202,7 +202,7 @@ WRONG_MODES = {
     "dimensions": (lambda: cp.modes(SINES[0], scene=scene()), r"shapes: given the shape \(11,\); allowed: an array"),
     "layout": (lambda: cp.modes(SINES, layout="Normal", scene=scene()), "layout: given 'Normal'"),
     "ends": (lambda: cp.modes(SINES + 1.0, scene=scene()), "shapes: given 'up to 1 at the ends.*zero at both ends"),
-    "zero": (lambda: cp.modes(0.0 * SINES, scene=scene()), "shapes: given .*not everywhere"),
+    "zero": (lambda: cp.modes(0.0 * SINES, scene=scene()), "shapes: given .*zero or a sum of those before it"),
     "sums": (lambda: cp.modes(SINES[[0, 1, 0]], scene=scene()), "shapes: given 'mode 3 that is zero or a sum"),
     "places": (lambda: cp.modes(SINES), "arc_length: given none with shapes of 11 particles; allowed: .* or scene="),
     "not finite": (lambda: cp.modes(np.where(SINES > 0.9, np.nan, SINES), scene=scene()), "shapes: given .*not finite"),
