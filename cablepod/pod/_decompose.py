@@ -64,7 +64,8 @@ def decompose(
         in blocks, by :class:`cablepod.pod.Stream`; the attribute ``algorithm`` names the algorithm used.
     weights
         Weights of the particles in the inner product: None for equal weights, as in the paper; "length" for the tributary
-        unstretched length, "mass" for the mass, scaled to mean 1.  Both are the same unless the chain has masses of its own.
+        unstretched length, "mass" for the mass, scaled to mean 1.  Both are the same unless particles have masses of their own
+        (coordinate ``particle_mass``: ``chain.masses``, segments, attachments).
     center
         Subtract the time mean first.  Layout "normal" is never centred.
 

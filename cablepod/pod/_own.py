@@ -12,7 +12,7 @@ from cablepod import provenance
 from cablepod._inputs import ROUNDING, SCENE, SNAPSHOTS, check_ends, floats, numbers_in, powers, taken
 from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, is_rising, label, shared_coordinates
-from cablepod.discretisation._chain import chain_of
+from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._similarity import describe
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import LARGEST, choice
@@ -20,7 +20,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod._label import LAYOUTS
 from cablepod.pod._normal import SETS
-from cablepod.pod._snapshots import tributary_weights
+from cablepod.pod._snapshots import MASS, tributary_weights
 
 PLACES = ("time", "particle", "coordinate")
 #: Dimensions of shapes by layout; "normal" in space has ``normal`` before them.
@@ -59,8 +59,9 @@ def snapshots(
     -------
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m], ``arc_length (particle)`` [m] and ``unstretched_length`` [m], as of a
-        ``simulate``; with a scene and instants also ``scene_feature``, so that modes know what they were trained on.  The history
-        keeps a hash of the positions.
+        ``simulate``; with a scene and instants also ``scene_feature``, so that modes know what they were trained on, and
+        ``particle_mass`` [kg] where the masses of the scene are not in proportion to lengths.  The history keeps a hash of the
+        positions.
 
     Raises
     ------
@@ -96,6 +97,12 @@ def snapshots(
         _check_ends(values, instants, p)
     variables: dict[str, Any] = {"position": (PLACES, values), "unstretched_length": ((), lengths[-1])}
     coords: dict[str, Any] = {"arc_length": ("particle", lengths), "coordinate": list(COORDINATES[:dims])}
+    if p is not None:
+        if p.masses is not None and p.masses.size != particles:
+            allowed = f"{p.masses.size}, as many as chain.masses has, or no scene"
+            raise scene_error("position", f"{particles} particles", allowed)
+        chain = LumpedChain(p, np.diff(lengths), lengths, scene_length=unstretched_length(p))
+        coords |= {} if (masses := chain.own_masses) is None else {MASS: ("particle", masses)}
     if instants is not None:
         coords["time"] = instants
         if p is not None:

@@ -15,7 +15,7 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import amplitude_dataset
-from cablepod.pod._snapshots import particle_weights, positions, relative_arc_length
+from cablepod.pod._snapshots import MASS, particle_weights, positions, relative_arc_length
 
 
 def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
@@ -217,6 +217,7 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
                 "time": amplitudes["time"].values,
                 "coordinate": modes["coordinate"].values,
                 "arc_length": ("particle", modes["arc_length"].values),
+                **({MASS: ("particle", modes[MASS].values)} if MASS in modes.variables else {}),
             }
         ),
     )

@@ -49,6 +49,17 @@ def test_positions_of_another_program_are_a_trajectory(spatial):
         xr.testing.assert_identical(mine.drop_attrs(deep=False), theirs.drop_attrs(deep=False))
 
 
+def test_positions_bring_the_masses_of_their_scene():
+    heavy = cp.make_scene({**SOFT, "attachment": [{"arc_length": 0.3, "mass": 5.0}]})
+    run = cp.chain.simulate(heavy, links=10, step=1e-3)
+    modes, own = cp.pod.decompose(run, weights="mass"), cp.snapshots(run.position.values, scene=heavy)
+    again = cp.pod.reconstruct(cp.pod.project(run, modes), modes)
+    assert float(own.particle_mass.max()) > 5.0
+    for item in (own, again):
+        found = cp.pod.decompose(item, weights="mass").singular_value
+        np.testing.assert_allclose(found, modes.singular_value, atol=1e-12)  # rounding of positions of some metres
+
+
 def test_a_labelled_array_brings_its_places_and_instants():
     run = chain()
     given = run.position.transpose("coordinate", "particle", "time")
