@@ -131,9 +131,9 @@ class GalerkinEstimate:
     @cached_property
     def _error_at_rest(self) -> np.ndarray:
         """Distance from the start of the model to the equilibrium of the enriched one, in the coordinates of that (R,)."""
-        model, displacements = self.model, self.model.displacements(np.zeros(1))
+        model, ends = self.model, self.model.initial_displacements
         states = np.zeros((3, 1, len(model.fields_of_projections)))
-        states[0] = np.concatenate([model.initial + displacements @ model.coupling, displacements], axis=1)
+        states[0, 0] = np.concatenate([model.initial + ends @ model.coupling, ends])
         start = Samples(model, states, 1.0)
         q = self._deflection(start, self._chord_frame(start))[0][0]
         return self.equation.error_at_rest(q, self.condensed.static_boundary_data)

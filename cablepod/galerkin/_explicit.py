@@ -99,7 +99,7 @@ class ExplicitGalerkinRun(GalerkinRun):
         if self.q0 is model.initial:
             gradient = model.initial_gradient
         else:
-            gradient = model.gradient(np.concatenate([self.q0, self.start_displacements]))[0]
+            gradient = model.gradient(np.concatenate([self.q0, model.initial_displacements]))[0]
         force = model.loads_at_steps(0, 0, steps_per_second)[0] - gradient
         velocity = half_step_back(damping, step)[1] * (force if filtered is None else filtered @ force)
 

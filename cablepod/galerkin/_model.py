@@ -220,6 +220,11 @@ class GalerkinModel:
         return np.stack(columns, axis=1) if columns else np.zeros((time.size, 0))
 
     @cached_property
+    def initial_displacements(self) -> np.ndarray:
+        """Displacements of the moving ends at the start (moving,) [m]."""
+        return self.displacements(np.zeros(1))[0]
+
+    @cached_property
     def field_products(self) -> np.ndarray:
         """Scalar products of the slopes of each two modes on each link (n, modes, modes)."""
         modal = np.moveaxis(self.slopes[1][: len(self.modes)], 0, 1)
@@ -260,25 +265,24 @@ class GalerkinModel:
     @cached_property
     def initial_vibrations(self) -> tuple[np.ndarray, np.ndarray]:
         """Small vibrations about the start, see :meth:`vibrations`."""
-        return self.vibrations(self.initial, self.displacements(np.zeros(1))[0])
+        return self.vibrations(self.initial, self.initial_displacements)
 
     @cached_property
     def initial(self) -> np.ndarray:
         """Initial amplitudes (modes,): equilibrium of the model, or projection of the scene's initial shape."""
-        end_displacements = self.displacements(np.zeros(1))[0]
-        p = self.chain.p
-        lifting = np.tensordot(end_displacements, self.lifts, axes=1)
+        p, ends = self.chain.p, self.initial_displacements
+        lifting = np.tensordot(ends, self.lifts, axes=1)
         offset = start(self.chain) - self.shape - lifting
         q = np.einsum("pc,p,kpc->k", offset[1:-1], self.mass, self.fields[:, 1:-1])
         if p.initial:
             return q
         load = np.einsum("pc,kpc->k", self.chain.loads(0.0), self.fields)
-        return _equilibrium(lambda q: self.gradient(np.concatenate([q, end_displacements])), load, q, self._floor)
+        return _equilibrium(lambda q: self.gradient(np.concatenate([q, ends])), load, q, self._floor)
 
     @cached_property
     def initial_gradient(self) -> np.ndarray:
         """Gradient (modes,) of the strain energy at the start."""
-        return self.gradient(np.concatenate([self.initial, self.displacements(np.zeros(1))[0]]))[0]
+        return self.gradient(np.concatenate([self.initial, self.initial_displacements]))[0]
 
     def mean_vibrations(self, end_time: float) -> tuple[np.ndarray, np.ndarray]:
         """Small vibrations about the equilibrium of ends and loads at their means until `end_time` [s], see :meth:`vibrations`.

@@ -71,7 +71,7 @@ class GalerkinTrajectory:
     def motion(self) -> float:
         """Largest rms displacement from the start [m]; the chord if nothing moves."""
         vectors = self.rms_displacements[:, None]
-        start = np.concatenate([self.record.run.p0, self.record.run.start_displacements]) @ self.model.rms_root
+        start = np.concatenate([self.record.run.p0, self.model.initial_displacements]) @ self.model.rms_root
         return motion_scale(vectors, start, self.model.chain.chord)
 
     @property

@@ -116,14 +116,9 @@ class GalerkinRun(Run):
         return self.model.displacements(self.times)
 
     @cached_property
-    def start_displacements(self) -> np.ndarray:
-        """Displacements of the moving ends at the start (moving,) [m]."""
-        return self.model.displacements(np.zeros(1))[0]
-
-    @cached_property
     def p0(self) -> np.ndarray:
         """Projection z = q + C^T d at the start (modes,) [kg^1/2 m]."""
-        return self.q0 + self.start_displacements @ self.model.coupling
+        return self.q0 + self.model.initial_displacements @ self.model.coupling
 
     @property
     def damping(self) -> float:
@@ -173,7 +168,7 @@ class GalerkinRun(Run):
         from cablepod.galerkin import _kernels_energy as kernel
 
         polynomial_form, link_form = self.tables
-        y = np.concatenate([self.q0, self.start_displacements])
+        y = np.concatenate([self.q0, self.model.initial_displacements])
         gradient, links = np.zeros(y.size), link_form[1].size
         if self.law == kernel.POLYNOMIAL:
             return kernel.polynomial_energy(y, *polynomial_form, np.zeros(polynomial_form[0].shape[1]))
