@@ -16,6 +16,8 @@ TABLES_OF_MODES = (
     "singular_value", "singular_value_uncertainty", "mode_uncertainty", "proper_orthogonal_value", "energy_share",
     "singular_value_share",
 )  # fmt: skip
+#: Singular value over the largest of all sets of modes, up to which the snapshots do not move that way but by rounding.
+NO_MOTION = 1e-9
 #: Dimensions of variables, in their order in the package; a variable may lack some.
 DIMS: dict[str, Dims] = {
     **dict.fromkeys(("position", "velocity"), ("time", "particle", "coordinate")),

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import floats
+from cablepod._inputs import NO_MOTION, floats
 from cablepod.conventions import ENDS, label, shared_coordinates
 from cablepod.discretisation._laws import law_of
 from cablepod.errors import SceneError, did_you_mean, scene_error
@@ -115,7 +115,7 @@ def labelled(
     unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), discarded))[1].astype(float))[:, None]
     squares, outside = (values / unit) ** 2, (discarded[:, None] / unit) ** 2
     # the energy of a set along which nothing moves is rounding
-    moving = values[:, 0] > pod_normal.NO_MOTION * values.max()
+    moving = values[:, 0] > NO_MOTION * values.max()
     kept = choose_rank(squares[moving], outside[moving], *choice, samples - bool(options["center"]))
     layout, root = options["layout"], weight_roots(like, options["weights"])
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import floats
+from cablepod._inputs import NO_MOTION, floats
 from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
 from cablepod.errors import SceneError, scene_error
 
-#: Singular value over the largest of all sets of modes, up to which the snapshots do not move that way but by rounding.
-NO_MOTION = 1e-9
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")
 

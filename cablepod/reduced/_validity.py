@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NO_MOTION
 from cablepod.errors import OutOfRangeWarning, SceneError, warn
 from cablepod.parameters._parameters import Parameters
-from cablepod.pod._normal import NO_MOTION
 
 #: Maximum ratio of the forcing frequency to the first axial one (above, waves run along the cable, which neither the condensed
 #: model nor modes of slower motion contain).
