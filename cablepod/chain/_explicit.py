@@ -267,7 +267,7 @@ class ExplicitStepper:
         from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
 
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
-        saves, rates, loads = slice(first, last), None, None
+        rates = loads = None
         if self._dampings is not None:
             rates = layout.Rates(*self._dampings, self._table("rates", start, steps))
         if self._patterns is not None:
@@ -275,7 +275,7 @@ class ExplicitStepper:
         kernel.verlet(
             self.states, self.is_finite, self._spatial, self._shared, self._damping_factors, rates, self._attached, self._air,
             loads, layout.Ends(*self._places, self._table("ends", start, steps)), layout.Block(start, steps),
-            layout.Record(self.instants.steps[saves], self.saved[:, saves], self._half_saved[:, saves]),
+            layout.Record(self.instants.steps[first:last], int(first), self.saved, self._half_saved),
         )  # fmt: skip
         axes = (1, 2)
         with np.errstate(invalid="ignore"):

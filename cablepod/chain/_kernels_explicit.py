@@ -143,17 +143,17 @@ def _run(s, spatial, shared, damping_factor, rates, attached, air, loads, ends, 
         target = block.steps
         saving = save < record.steps.size and record.steps[save] == block.start + i
         if saving:
-            assign(record.positions[save], s[X : X + dims, : links + 1])
-            if save < record.half_velocities.shape[0]:
-                assign(record.half_velocities[save, 0], s[VX : VX + dims, : links + 1])
+            assign(record.positions[record.at + save], s[X : X + dims, : links + 1])
+            if record.half_velocities.shape[0]:
+                assign(record.half_velocities[record.at + save, 0], s[VX : VX + dims, : links + 1])
                 target = i + 1
         if target == block.steps and save + saving < record.steps.size:
             target = record.steps[save + saving] - block.start
         _advance(s, spatial, shared, damping_factor, rates, attached, air, loads, ends, block.start, i, target)
         i = target
         if saving:
-            if save < record.half_velocities.shape[0]:
-                assign(record.half_velocities[save, 1], s[VX : VX + dims, : links + 1])
+            if record.half_velocities.shape[0]:
+                assign(record.half_velocities[record.at + save, 1], s[VX : VX + dims, : links + 1])
             save += 1
 
 
@@ -193,5 +193,5 @@ def verlet(states, is_active, spatial, shared, damping_factors, rates, attached,
                 air,
                 None if loads is None else Loads(loads.patterns[m], loads.factors[m]),
                 Ends(ends.rows, ends.columns, ends.positions[m]), block,
-                Record(record.steps, record.positions[m], record.half_velocities[m]),
+                Record(record.steps, record.at, record.positions[m], record.half_velocities[m]),
             )  # fmt: skip

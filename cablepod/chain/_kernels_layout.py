@@ -89,8 +89,9 @@ class Block(NamedTuple):
 class Record(NamedTuple):
     """What is saved; of one chain without the first dimension."""
 
-    steps: Any  #: rising numbers of the steps to save (saves,), within a block
-    positions: Any  #: (chains, saves, dims, n + 1), filled
+    steps: Any  #: rising numbers of the steps to save within a block (saves,)
+    at: Any  #: row of the arrays for the first of them
+    positions: Any  #: of all blocks, as slices would be compiled anew (chains, all saves, dims, n + 1), filled
     half_velocities: (
-        Any  #: half a step before and after (chains, saves or 0, 2, dims, n + 1), filled unless without room
+        Any  #: half a step before and after (chains, all saves or none, 2, dims, n + 1), filled unless none
     )

@@ -20,6 +20,7 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.chain import _batch as chain_many
 from cablepod.chain import _explicit as chain_explicit
+from cablepod.chain import _kernels_explicit
 from cablepod.chain import _lanes as lanes
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
@@ -415,8 +416,10 @@ def test_block_and_chunk_sizes_change_no_bit(soft, monkeypatch, name, value, lon
         advance, single = ExplicitStepper.advance, ExplicitChainRun.__call__
         monkeypatch.setattr(ExplicitStepper, "advance", lambda self, i, n: lengths.append(n) or advance(self, i, n))
         monkeypatch.setattr(ExplicitChainRun, "__call__", lambda self, rate: alone.append(rate) or single(self, rate))
+        compiled = set(_kernels_explicit.verlet.signatures)
         again = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)
     xr.testing.assert_identical(run, again)
+    assert set(_kernels_explicit.verlet.signatures) == compiled  # what a block saves is not compiled anew
     assert max(lengths) == longest
     assert len(alone) == left
 
