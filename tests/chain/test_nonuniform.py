@@ -142,11 +142,11 @@ def test_long_implicit_steps_that_are_chosen_have_dampers_and_springs() -> None:
     })  # fmt: skip
     options = {"tolerance": 1e-2, "outputs": ("position",)}
     chosen = cp.chain.simulate(scene, **options)
-    explicit = cp.chain.simulate(scene, scheme="velocity_verlet", **options)
+    short = cp.chain.simulate(scene, scheme="trapezoidal", step=5e-3, outputs=("position",))
     assert chosen.attrs["choice_of_scheme"].startswith("implicit")
-    motion = np.abs(explicit.position - explicit.position[0]).max()
+    motion = np.abs(short.position - short.position[0]).max()
     # without attachments the difference is 0.15, with them 0.001
-    assert np.abs(chosen.position - explicit.position).max() < 0.01 * motion
+    assert np.abs(chosen.position - short.position).max() < 0.01 * motion
 
 
 def test_decay_at_a_node_is_none() -> None:
