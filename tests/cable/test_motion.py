@@ -97,7 +97,7 @@ def test_the_chain_converges_to_it_with_the_square_of_the_links(law, smooth):
 def test_chosen_elements_and_step_keep_their_word(law, soft):
     scene = scene_with(soft)
     run = cp.cable.simulate(scene, law=law, tolerance=1e-6, outputs=("position",))
-    fine = cp.cable.simulate(scene, law=law, elements=48, step=1e-5)
+    fine = cp.cable.simulate(scene, law=law, elements=48, step=2e-5)  # a third of the step, an error of a tenth
     assert run.attrs["time_error_estimate"] <= 1e-6
     assert run.attrs["space_error_estimate"] <= 1e-6
     assert distance(run, fine) <= 2e-6  # both together

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from printed import printed
 from references.links import chain_frequencies
+from suite import slow
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
@@ -134,20 +135,22 @@ def test_rigid_links_refuse_wind_at_rest_too():
 
 
 @pytest.mark.parametrize("make", [guy, planar], ids=["space", "plane"])
-@pytest.mark.parametrize("ramp", [0.0, 3.0])
-def test_a_summary_has_still_air_and_mean_wind_side_by_side(make, ramp):
+def test_a_summary_has_still_air_and_mean_wind_side_by_side(make):
     strong = {"cable": {**GUY["cable"], "breaking_strength": 2e5}}
-    calm, windy = cp.summary(make(**strong)), cp.summary(make({**WIND, "ramp": ramp}, **strong))
+    calm, windy, rising = (
+        cp.summary(make(**strong)),
+        *(cp.summary(make({**WIND, "ramp": r}, **strong)) for r in (0.0, 3.0)),
+    )
     rest = cp.cable.rest(make(WIND, **strong), law="linear", points=401)
     assert not any(str(name).endswith(("_still_air", "_mean_wind")) for name in calm)
     for name in (*AT_REST, "utilisation"):
-        np.testing.assert_array_equal(windy[f"{name}_still_air"], calm[name], err_msg=name)
-        np.testing.assert_array_equal(
-            windy[name], windy[f"{name}_{'still_air' if ramp else 'mean_wind'}"], err_msg=name
-        )
-        assert windy[f"{name}_still_air"].attrs["long_name"].endswith(", in still air")
-        assert windy[f"{name}_mean_wind"].attrs["long_name"].endswith(", in the mean wind")
         assert "still air" not in calm[name].attrs["long_name"]
+        for numbers, air in ((windy, "mean_wind"), (rising, "still_air")):
+            np.testing.assert_array_equal(numbers[f"{name}_still_air"], calm[name], err_msg=name)
+            np.testing.assert_array_equal(numbers[f"{name}_mean_wind"], windy[f"{name}_mean_wind"], err_msg=name)
+            np.testing.assert_array_equal(numbers[name], numbers[f"{name}_{air}"], err_msg=name)
+            assert numbers[f"{name}_still_air"].attrs["long_name"].endswith(", in still air")
+            assert numbers[f"{name}_mean_wind"].attrs["long_name"].endswith(", in the mean wind")
     # the deflection of the summary is converged to 1e-5, that of the elements to 1e-8
     assert float(windy.tension_upper_mean_wind) == pytest.approx(float(rest.tension_upper), rel=1e-5)
     assert float(windy.stretched_length_mean_wind) == pytest.approx(float(rest.stretched_length), rel=1e-7)
@@ -187,21 +190,22 @@ def test_members_in_wind_have_the_numbers_of_their_scenes():
         xr.testing.assert_equal(numbers.isel(member=member).drop_vars(set(numbers.coords) - {"mode"}), single)
 
 
-@pytest.mark.parametrize("make", [guy, planar], ids=["space", "plane"])
+UNLIKE = {
+    "slack": {"cable": of_length(63.0)},
+    "ice": {"ice": {"thickness": 0.015, "density": 700.0}},
+    "point load": {"point_load": [{"arc_length": 0.3, "force": [0.0, -500.0, 0.0], "kind": "harmonic", "amplitude": 1.0,
+                                   "angular_frequency": 2.0, "phase": 1.0}]},
+    "weightless": {"gravity": 0.0},
+    "other start": {"initial": {"top_tension": 16000.0}},
+}  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "tables",
-    [
-        {"cable": of_length(63.0)},
-        {"ice": {"thickness": 0.015, "density": 700.0}},
-        {"point_load": [{"arc_length": 0.3, "force": [0.0, -500.0, 0.0], "kind": "harmonic", "amplitude": 1.0,
-                         "angular_frequency": 2.0, "phase": 1.0}]},
-        {"gravity": 0.0},
-        {"initial": {"top_tension": 16000.0}},
-    ],
-    ids=["slack", "ice", "point load", "weightless", "other start"],
-)  # fmt: skip
-def test_unlike_scenes_have_a_summary_in_wind(make, tables):
-    tables = copy.deepcopy(tables)
+    ("make", "name"),
+    [*((guy, name) for name in UNLIKE), (planar, "slack"), *(slow(planar, name) for name in list(UNLIKE)[1:])],
+)
+def test_unlike_scenes_have_a_summary_in_wind(make, name):
+    tables = copy.deepcopy(UNLIKE[name])
     if make is planar and "point_load" in tables:
         tables["point_load"][0]["force"] = [0.0, -500.0]
     scene = make(WIND, **tables)

@@ -83,7 +83,7 @@ def assert_close(position, known, part):
 
 @pytest.mark.parametrize(
     ("options", "free_upper"),
-    [slow({}, False), slow({}, True), ({"scheme": "trapezoidal", "step": 5e-5}, False)],
+    [slow({}, False), slow({}, True), ({"scheme": "trapezoidal", "step": 2e-4}, False)],
     ids=["default", "free end", "trapezoidal"],
 )
 def test_every_term_at_once(options, free_upper):
@@ -92,8 +92,10 @@ def test_every_term_at_once(options, free_upper):
         mapping["ends"] = {**SCENE["ends"], "free": "upper"}
         mapping["motion"] = {"lower": SCENE["motion"]["lower"]}
     run = cp.chain.simulate(cp.make_scene(mapping), times=TIMES, outputs=("position",), **options)
-    # the default keeps 1e-6 of the motion, rms; the largest single distance is allowed five of them
-    assert_close(run.position.values, links(is_free=free_upper).positions(run.position[0], TIMES), 5e-6)
+    # the default keeps 1e-6 of the motion, rms; the largest single distance is allowed five of them; the given step is of second
+    # order, with 5e-6 at 5e-5 s
+    allowed = 8e-5 if "step" in options else 5e-6
+    assert_close(run.position.values, links(is_free=free_upper).positions(run.position[0], TIMES), allowed)
 
 
 def test_the_start_is_at_rest_under_the_loads_of_the_start():
