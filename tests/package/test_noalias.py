@@ -101,7 +101,7 @@ for dims in (2, 3):
         for each in (scene, damped):
             for scheme, step in (("velocity_verlet", 1e-3), ("trapezoidal", 0.05)):
                 options = {"scheme": scheme, "law": law, "step": step, "elements": 2, "order": 2, "outputs": outputs}
-                cp.cable.simulate(each, times=[0.0, 0.1], **options)
+                cp.cable.simulate(each, times=[0.0, 4.0 * step], **options)
 """,
 }
 #: Kernels that each run must call.

@@ -64,7 +64,7 @@ def test_tensions_of_all_models_have_places_that_are_no_labels():
 @pytest.mark.parametrize("step", [None, 1e-3])  # ways of a batch
 def test_tensions_of_some_links_say_which(step):
     scene = cp.make_scene(SOFT)
-    normal = cp.pod.decompose(chains()[0], rank=2, layout="normal")
+    normal = cp.pod.decompose(chains()[0], rank=4, layout="normal")  # as in other tests of lanes
     options = {"links": [9, 2], "step": step, "outputs": ("tension",)}
     alone = cp.condensed.simulate(scene, normal, **options)
     assert alone.link_number.values.tolist() == [9, 2]
