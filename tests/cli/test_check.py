@@ -101,14 +101,6 @@ def test_notes_are_no_errors(tmp_path, capsys):
     assert re.search(r"^  utilisation at rest +0\.4 %$", out, re.MULTILINE)
 
 
-def test_run_prints_the_worst_note_once(tmp_path, capsys):
-    path = tmp_path / "guy.toml"
-    path.write_text(SOFT_TOML.replace("amplitude = -0.05", "amplitude = -0.6"))
-    status, _, err = said_of(capsys, "run", str(path), "--out", str(tmp_path / "out"), "--ranks", "1")
-    assert status == 0
-    assert err.count("cablepod: note: motion.upper.x: the scene has a displacement over the chord of 0.12") == 1
-
-
 @pytest.mark.parametrize(
     ("arguments", "remedy"),
     [

@@ -120,12 +120,15 @@ def test_what_is_left_out_is_told(scene_file, tmp_path, capsys):
     )
 
 
-def test_the_folder_has_a_default_and_ranks_above_the_number_of_modes_are_noted(scene_file, here, capsys):
+def test_the_folder_has_a_default_and_notes_are_told_once(scene_file, here, capsys):
+    """Of ranks above the number of modes, and the worst one of the scene."""
+    scene_file.write_text(SOFT_TOML.replace("amplitude = -0.05", "amplitude = -0.6"))
     assert cli.main(["run", str(scene_file), "--ranks", "1,9"]) == 0
     said, out = capsys.readouterr(), Path("out", "small")
     assert (out / "comparison.nc").exists()
     assert f"{out}: " in said.out
     assert "cablepod: note: ranks: [9] left out, only 7 modes; use smaller ranks" in said.err
+    assert said.err.count("cablepod: note: motion.upper.x: the scene has a displacement over the chord of 0.12") == 1
     assert not (out / "galerkin_r9.nc").exists()
 
 

@@ -192,22 +192,6 @@ def test_lengths_are_kept_to_rounding(soft, name, formulation):
     assert run.attrs["length_error"] < 1e-13
 
 
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_saving_more_often_changes_no_bit(soft, formulation):
-    scene = rigid_scene(soft, **TERMS["free end"])
-    options = {"formulation": formulation, "step": 1 / 64}
-    every = cp.rigid.simulate(scene, times=np.arange(0, 257) / 64, outputs=ALL, **options)
-    few = cp.rigid.simulate(scene, times=[0.5, 2.0, 4.0], outputs=ALL, **options)
-    for what in ("position", "velocity", "tension"):
-        np.testing.assert_array_equal(few[what], every[what][[32, 128, 256]])
-    np.testing.assert_array_equal(few.tension_maximum, every.tension_maximum)
-    # extremes are those of the tensions at all steps
-    np.testing.assert_array_equal(every.tension.max("time"), every.tension_maximum)
-    np.testing.assert_array_equal(every.tension.min("time"), every.tension_minimum)
-    alone = cp.rigid.simulate(scene, times=[2.0, 4.0], **options)
-    np.testing.assert_array_equal(alone.position, few.position[1:])
-
-
 @pytest.mark.parametrize(("formulation", "order"), [("rattle", 2.0), ("index1", 4.0)])
 def test_between_steps_the_output_has_the_order_of_the_scheme(soft, formulation, order):
     scene, times = rigid_scene(soft, **TERMS["both ends"]), np.sort(np.random.default_rng(1).uniform(0.05, 2.0, 40))
