@@ -17,6 +17,7 @@ from scenes import SCENES, SOFT
 from suite import (
     no_process_left_behind,
     pytest_addoption,
+    pytest_collection,
     pytest_collection_finish,
     pytest_collection_modifyitems,
     pytest_configure,
@@ -30,8 +31,9 @@ from cablepod.scene import _limits as scene_limits
 
 #: The rules; pytest finds them here by their names.
 __all__ = [
-    "no_process_left_behind", "pytest_addoption", "pytest_collection_finish", "pytest_collection_modifyitems",
-    "pytest_configure", "pytest_report_header", "pytest_runtest_setup", "pytest_xdist_make_scheduler",
+    "no_process_left_behind", "pytest_addoption", "pytest_collection", "pytest_collection_finish",
+    "pytest_collection_modifyitems", "pytest_configure", "pytest_report_header", "pytest_runtest_setup",
+    "pytest_xdist_make_scheduler",
 ]  # fmt: skip
 
 
