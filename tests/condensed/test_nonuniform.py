@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
-from references.damped_string import roots_of_two_parts, roots_with_damper, roots_with_mass, roots_with_spring
+from references.damped_string import LENGTH, SPEED, damper, roots_with_damper, string
 from suite import slow
 
 import cablepod as cp
 
-#: A weightless taut string: distance of the ends [m], tension [N], mass per stretched length [kg/m], axial stiffness [N].
-LENGTH, TENSION, MASS, STIFFNESS = 100.0, 2e4, 1.0, 2e9
-UNSTRETCHED = LENGTH / (1.0 + TENSION / STIFFNESS)
-FIRST = math.pi / LENGTH * math.sqrt(TENSION / MASS)
-AREA = 1e-2
-DENSITY = MASS * LENGTH / UNSTRETCHED / AREA
+FIRST = math.pi / LENGTH * SPEED
 #: A sagging guy, both of whose ends move.
 GUY: dict[str, Any] = {
     "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0},
@@ -36,18 +30,6 @@ GUY: dict[str, Any] = {
 PARTS = [{"to": 0.35}, {"from": 0.35, "youngs_modulus": 1.1e11, "area": 9e-5, "density": 7000.0}]
 
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning")  # a string of an area of 0.01 m2
-
-
-def string(links: int = 100, **tables: Any) -> Any:
-    """Make the string with further tables."""
-    cable = {"youngs_modulus": STIFFNESS / AREA, "area": AREA, "density": DENSITY, "unstretched_length": UNSTRETCHED}
-    ends = {"lower": [0.0, 0.0], "upper": [LENGTH, 0.0]}
-    return cp.make_scene({"gravity": 0.0, "cable": cable, "ends": ends, "chain": {"links": links}, **tables})
-
-
-def damper(place: float, eta: float, **keys: Any) -> dict[str, Any]:
-    """Return an attached damper of eta times sqrt(T m)."""
-    return {"arc_length": place, "damper": eta * math.sqrt(TENSION * MASS), "direction": "normal", **keys}
 
 
 def distance(model: Any, reference: Any) -> float:
@@ -67,63 +49,18 @@ def chain_of(scene: Any, **options: Any) -> Any:
 # --- vibrations about rest --------------------------------------------------------------------------------------------
 
 
-def assert_second_order(scene_of: Callable[[int], Any], exact: np.ndarray, name: str, least: float) -> None:
-    """Check that the errors of the first vibrations with 50 and 100 links fall by four, to `least`."""
-    coarse, fine = (
-        cp.condensed.vibration_modes(scene_of(links), rank=exact.size)[name].values[: exact.size] / exact - 1.0
-        for links in (50, 100)
-    )
-    assert np.abs(fine).max() < least
-    assert fine == pytest.approx(coarse / 4.0, abs=0.05 * least)  # the next order, and zeros where a mass rests
-
-
-#: Tables, roots beta l of the string, and the error of 100 links.
-STRINGS: dict[str, tuple[dict[str, Any], np.ndarray, float]] = {
-    "mass in the middle": ({"attachment": [{"arc_length": 0.5, "mass": MASS * LENGTH}]}, roots_with_mass(0.5, 1.0, 3), 4e-4),
-    "mass": ({"attachment": [{"arc_length": 0.3, "mass": 0.2 * MASS * LENGTH}]}, roots_with_mass(0.3, 0.2, 3), 4e-4),
-    # three links in ten lie in the first part, with a border at a particle
-    "two parts": ({"segment": [{"to": 0.3}, {"density": 4.0 * DENSITY}]}, roots_of_two_parts(0.3, 4.0, 3), 1e-3),
-    "spring": (
-        {"attachment": [{"arc_length": 0.2, "spring": 500.0, "direction": "normal"}]},
-        roots_with_spring(0.2, 500.0 * LENGTH / TENSION, 3), 4e-4,
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", STRINGS)
-def test_frequencies(case: str) -> None:
-    tables, roots, least = STRINGS[case]
-    assert_second_order(lambda links: string(links, **tables), roots / math.pi * FIRST, "angular_frequency", least)
-
-
 @pytest.mark.parametrize(("place", "kappa"), [(0.02, 1.0), (0.04, 0.3), (0.1, 3.0)])
-def test_damping_ratios(place: float, kappa: float) -> None:
-    eta = kappa / (math.pi * place)
-    roots = roots_with_damper(place, eta, 3)
-    if (place, kappa) == (0.02, 1.0):
-        assert roots[0].imag / abs(roots[0]) == pytest.approx(0.01021147, rel=1e-6)
-    attached = [damper(place, eta)]
-    exact = roots.imag / np.abs(roots)
-    assert_second_order(lambda links: string(links, attachment=attached), exact, "damping_ratio", 3e-3)
-    modes = cp.condensed.vibration_modes(string(attachment=attached), rank=3)
-    assert modes.angular_frequency.values[:3] == pytest.approx(np.abs(roots) / math.pi * FIRST, rel=1e-3)
+def test_modes_with_a_damper_have_its_kink_and_complex_shapes(place: float, kappa: float) -> None:
+    scene = string(attachment=[damper(place, kappa / (math.pi * place))])
+    modes = cp.condensed.vibration_modes(scene, rank=3)
     assert modes.sizes["mode"] == 4
     assert np.isnan(modes.damping_ratio.values[3])  # of the kink shape
     # the complex shape is that of the continuous cable
-    cable = cp.cable.frequencies(string(attachment=attached), count=3, points=101, law="linear")
+    cable = cp.cable.frequencies(scene, count=3, points=101, law="linear")
     shape = modes.mode_shape_real.values[:3] + 1j * modes.mode_shape_imaginary.values[:3]
     other = cable.mode_shape.values[:, :, 1] + 1j * cable.mode_shape_imaginary.values[:, :, 1]
     product = np.abs((shape * np.conj(other)).sum(axis=1))
     assert product == pytest.approx(np.linalg.norm(shape, axis=1) * np.linalg.norm(other, axis=1), rel=1e-4)
-
-
-def test_a_damper_at_the_node_of_the_second_mode_does_not_damp_it() -> None:
-    modes = cp.condensed.vibration_modes(string(attachment=[damper(0.5, 0.3)]), rank=3)
-    # odd modes: tan(b l / 2) = 2 i / eta, so that Im(b l) = 2 artanh(eta / 2) for all of them
-    decay = 2.0 * math.atanh(0.15)
-    exact = decay / np.hypot(decay, math.pi * np.array([1.0, 3.0]))
-    assert modes.damping_ratio.values[1] < 1e-12
-    assert modes.damping_ratio.values[[0, 2]] == pytest.approx(exact, rel=2e-3)
 
 
 def test_kink_shapes_stand_after_the_modes() -> None:

@@ -5,11 +5,38 @@ Roots are beta l, with the angular frequency over the speed of the wave for beta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy import cos, sin
 from scipy.optimize import brentq
+
+import cablepod as cp
+
+#: A weightless taut string: distance of the ends [m], tension [N], mass per stretched length [kg/m], axial stiffness [N].
+LENGTH, TENSION, MASS, STIFFNESS = 100.0, 2e4, 1.0, 2e9
+UNSTRETCHED = LENGTH / (1.0 + TENSION / STIFFNESS)
+SPEED = math.sqrt(TENSION / MASS)
+AREA = 1e-2
+DENSITY = MASS * LENGTH / UNSTRETCHED / AREA
+TAUT: dict[str, Any] = {
+    "gravity": 0.0,
+    "cable": {"youngs_modulus": STIFFNESS / AREA, "area": AREA, "density": DENSITY, "unstretched_length": UNSTRETCHED},
+    "ends": {"lower": [0.0, 0.0], "upper": [LENGTH, 0.0]},
+}
+
+
+def string(links: int = 100, *, spatial: bool = False, **tables: Any) -> Any:
+    """Make the string with further tables."""
+    ends = {end: [*place, 0.0] if spatial else place for end, place in TAUT["ends"].items()}
+    return cp.make_scene({**TAUT, "ends": ends, "chain": {"links": links}, **tables})
+
+
+def damper(place: float, eta: float, direction: Any = "normal") -> dict[str, Any]:
+    """Return an attached damper of eta times sqrt(T m)."""
+    return {"arc_length": place, "damper": eta * math.sqrt(TENSION * MASS), "direction": direction}
 
 
 def roots_with_damper(place: float, eta: float, count: int) -> np.ndarray:
