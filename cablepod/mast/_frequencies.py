@@ -16,7 +16,7 @@ from cablepod.mast._condensed_run import guys_in_mean_wind
 from cablepod.mast._model import lowest_vibrations, modal_mast, with_guys
 from cablepod.mast._output import dataset, spatial
 from cablepod.mast._piecewise_guys import KINDS, kind_of_guys, refuse_things
-from cablepod.mast._statics import rest_in
+from cablepod.mast._statics import check_shapes, rest_in
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
@@ -88,6 +88,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     if guys == "catenary" or not p.guys:
         mass, stiffness, end_mass = mast.mass_with_guys, at_rest.stiffness, mast.guy_masses[:, None, None] * np.eye(2)
     else:
+        check_shapes(at_rest)
         model: Any = (
             guy_modes(ChainGuys(mast, links_of(p), air), 2 * rank) if guys == "chain" else guys_in_mean_wind(mast, rank)
         )

@@ -34,7 +34,7 @@ from cablepod.mast._model import ModalMast, modal_mast
 from cablepod.mast._piecewise_guys import KINDS, first_thing, kind_of_guys, refuse_ratios, refuse_things
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of, steps_in
 from cablepod.mast._sections import NEED_FORCES
-from cablepod.mast._statics import rest_in
+from cablepod.mast._statics import check_shapes, rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
 from cablepod.parameters._parameters import has_record
@@ -78,6 +78,7 @@ class MastCase:
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
         self.mast = modal_mast(rest_in(calm_parameters(scene), air))
+        check_shapes(self.mast.rest)
         warn_of_unusual_mast(p, self.mast.rest.tension)
         self.model = self._model(self.count)
         self.request = request_of(

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from cablepod.catenary._end_stiffness import STRAIGHT, curved_stiffness, static_stiffness
-from cablepod.catenary._formulas import FOUND
+from cablepod.catenary._formulas import FOUND, SLACK_WEIGHTLESS
 from cablepod.catenary._piecewise import Pieces, PiecewiseCatenary
 from cablepod.catenary._piecewise_solve import between_ends, end_stiffness
 from cablepod.catenary._shape import shape
@@ -77,9 +77,10 @@ class GuyStatics:
         self.solved, status = solve_catenaries(plane, self._spring, "unstretched_length", self.lengths)
         self._hung = {g: guy.at(upper[g]).hung() for g, guy in enumerate(guys) if guy.pieces is not None}
         self.solved[list(self._hung)] = np.nan
-        for g in np.flatnonzero(status != FOUND).tolist():
-            if g not in self._hung:
-                solve_statics(guys[g].at(upper[g]).p, "unstretched_length", guys[g].length)  # says what is wrong
+        self.solved[status == SLACK_WEIGHTLESS, 2:] = 0.0  # carries nothing
+        for g in np.flatnonzero((status != FOUND) & (status != SLACK_WEIGHTLESS)).tolist():
+            if g not in self._hung:  # says what is wrong
+                solve_statics(guys[g].at(upper[g]).p, "unstretched_length", guys[g].length, prefix=guys[g].key)
 
     @property
     def frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

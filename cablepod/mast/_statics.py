@@ -6,8 +6,9 @@ motion ``_kernels_mast.py`` does the same.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from cablepod.wind._mast_air import MastAir
 
 #: Maximum number of Newton iterations, the last correction over the height, and that below which it may stop to fall by rounding.
 MAX_ITERATIONS, RTOL, ROUNDED = 60, 1e-13, 1e-10
+#: Minimum share of loads and wind by which they grow where Newton's method fails with all of them.
+LEAST_SHARE = 1.0 / 64.0
 #: Largest displacement of an iterate over the height: beyond, the equations for small slopes do not hold.
 MAX_DEFLECTION = 0.2
 
@@ -99,6 +102,10 @@ class MastRest:
         """Static stiffness of mast and guys (count, count)."""
         return self.mast_stiffness + seen_by(self.rows, self.guy_stiffness)
 
+    def unbalanced(self, load: np.ndarray) -> np.ndarray:
+        """Return what a load (count,) exceeds the forces of mast and guys by (count,)."""
+        return load - self.mast_stiffness @ self.unknowns + np.einsum("gi,gia->a", self.force[:, [0, 2]], self.rows)
+
     @property
     def is_stable(self) -> bool:
         """Whether the stiffness is positive definite: the critical factor is above 1 then."""
@@ -163,6 +170,8 @@ def steady_load(p: MastParameters, beam: Beam, drag: MastDrag) -> np.ndarray:
 def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     """Find mast and guys at rest, in the mean wind of the scene or in that of a field.
 
+    Where Newton's method fails from the upright mast, the forces that displace it grow in steps, each from the rest before it.
+
     Raises
     ------
     SceneError
@@ -171,29 +180,46 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     beam = beam_of(p)
     straight = static_guys(p)
     guys = with_mean_drag(straight, p, air)
-    drag, rows = drag_of_mast(p, beam, air), guy_rows(p, beam)
+    drag = drag_of_mast(p, beam, air)
     load = steady_load(p, beam, drag)
-    unknowns = np.zeros(beam.count)
-    upright = _at(p, drag, straight, guys, unknowns)
-    check_buckling(upright)
-    rest, last = upright, np.inf
+    at = partial(_at, p, drag, straight, guys)
+    rest = at(np.zeros(beam.count))
+    check_buckling(rest)
+    upright, share, step = rest.unbalanced(load), 0.0, 1.0
+    while share < 1.0:
+        found = _equilibrium(rest, load - (1.0 - share - step) * upright, at)
+        if found is not None and found.is_stable:
+            rest, share = found, share + step
+            step = min(2.0 * step, 1.0 - share)
+        elif step > LEAST_SHARE:
+            step *= 0.5
+        elif share + step == 1.0 and found is not None:
+            check_buckling(found)
+        else:
+            raise SceneError(
+                f"mast: no stable rest found with displacements below {MAX_DEFLECTION:g} of the height beyond {share:.3g} of "
+                f"loads and wind; allowed: loads and wind that mast and guys carry{mast_hint(p)}"
+            )
+    return rest
+
+
+def _equilibrium(start: MastRest, load: np.ndarray, at: Callable[[np.ndarray], MastRest]) -> MastRest | None:
+    """Return the equilibrium under a load (count,) by Newton's method from a state; None where it fails."""
+    rest, rows, height, last = start, start.rows, start.p.height, np.inf
     for _ in range(MAX_ITERATIONS):
-        out = load - rest.mast_stiffness @ unknowns + np.einsum("gi,gia->a", rest.force[:, [0, 2]], rows)
-        change = np.linalg.solve(rest.stiffness, out)
-        unknowns = unknowns + change
-        moved = np.abs(np.einsum("gia,a->gi", rows, unknowns)).max(initial=0.0)
-        if not moved < MAX_DEFLECTION * p.height:
-            break
-        rest = _at(p, drag, straight, guys, unknowns)
-        correction = np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) / p.height
+        try:
+            change = np.linalg.solve(rest.stiffness, rest.unbalanced(load))
+        except np.linalg.LinAlgError:
+            return None
+        unknowns = rest.unknowns + change
+        if not np.abs(rows @ unknowns).max(initial=0.0) < MAX_DEFLECTION * height:
+            return None
+        rest = at(unknowns)
+        correction = np.abs(rows @ change).max(initial=0.0) / height
         if correction <= RTOL or ROUNDED > correction >= last:
-            check_buckling(rest)
             return rest
         last = correction
-    raise SceneError(
-        f"mast: no rest found with displacements below {MAX_DEFLECTION:g} of the height; allowed: loads and wind that mast and "
-        f"guys carry{mast_hint(p)}"
-    )
+    return None
 
 
 def rest_in(p: MastParameters, air: MastAir | None) -> MastRest:
@@ -240,3 +266,18 @@ def _at(
     """Return mast and guys with given unknowns of the mast."""
     statics = GuyStatics(guys, upper_ends(p, drag.beam, unknowns))
     return MastRest(p, drag.beam, bare, guys, unknowns, statics.forces, statics.tensions, drag, statics)
+
+
+def check_shapes(rest: MastRest) -> None:
+    """Refuse guys without weight that are slack at rest, as they have no shape to move from.
+
+    Raises
+    ------
+    SceneError
+        Names the first of them.
+    """
+    for g in np.flatnonzero(rest.tension[:, 1] == 0.0).tolist():
+        raise SceneError(
+            f"{rest.p.guys[g].key}: given guys without weight, of which guy {g + 1} is slack at rest and has no shape to move "
+            "from; allowed: guys with weight, or taut ones"
+        )

@@ -139,6 +139,31 @@ def test_rest_is_in_equilibrium_and_has_the_given_tensions():
     assert float(abs(rest.bending_moment.isel(node=[0, -1])).max()) < 0.05 * float(abs(rest.bending_moment).max())
 
 
+@pytest.mark.parametrize(("gravity", "tension", "slack"), [(9.81, 600.0, 0), (0.0, 5000.0, 1)])
+def test_guys_that_go_slack_leave_the_mast_its_rest(gravity, tension, slack):
+    # sagging guys, where Newton's method fails from the upright mast, and guys without weight, of which one carries nothing;
+    # no weight of the mast to speak of, so that moments about the foot are those of load and guys alone
+    force = np.array([1200.0, 6000.0])
+
+    def pulled(mapping):
+        mapping["gravity"] = gravity
+        mapping["mast"].update(mass=0.5, load=[{"level": 30.0, "force": [force[0], 0.0, force[1]]}])
+        mapping["guy"][0]["top_tension"] = tension
+
+    rest = cp.mast.rest(small(pulled)).sel(coordinate=["x", "z"])
+    vertical = cp.mast.rest(small(pulled)).guy_force.sel(coordinate="y").sum()
+    moments = 30.0 * force + 28.0 * rest.guy_force.sum("guy") - float(vertical) * rest.displacement.sel(level=28.0)
+    # the weight of 15 kg, displaced by less than 0.4 m
+    assert float(abs(moments).max()) < 1e-9 * 30.0 * 6000.0 + 15.0 * gravity * 0.4
+    assert int((rest.guy_tension == 0.0).sum()) == slack
+    if slack:
+        for run in (cp.mast.frequencies, cp.mast.simulate):
+            with pytest.raises(
+                SceneError, match=r"^guy\.1: given guys without weight, of which guy \d is slack at rest"
+            ):
+                run(small(pulled))
+
+
 def test_drag_bends_the_mast_downwind():
     def windy(mapping):
         mapping["wind"] = WIND
