@@ -25,7 +25,7 @@ from cablepod.discretisation._similarity import features
 from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._nonuniform import SAME_PLACE
-from cablepod.parameters._parameters import Parameters, Segment
+from cablepod.parameters._parameters import Parameters, Segment, ramp_of
 from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
 from cablepod.wind._profile import air_at_rest
 
@@ -187,7 +187,7 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
     if p.wind is None:
         result |= still
     else:
-        full, ramp = replace(p, wind={**p.wind, "ramp": 0.0}), bool(p.wind["ramp"])
+        full, ramp = replace(p, wind={**p.wind, "ramp": 0.0}), bool(ramp_of(p))
         try:
             in_wind = dict(still)
             if air_at_rest(full) != STILL_AIR:

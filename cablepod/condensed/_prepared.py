@@ -56,7 +56,8 @@ def prepare(
         Step of :meth:`PreparedModel.run` [s]; by default an eighth of the stability limit at rest, or less where the motions of
         the scene are faster.
     wind
-        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene.
+        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of mean wind and gusts of the scene,
+        whose ramp, air density, drag and ice it has.
 
     Returns
     -------

@@ -14,7 +14,7 @@ from cablepod.catenary._statics import solve_statics
 from cablepod.discretisation._chain import square
 from cablepod.errors import CoarseWarning, SceneError, warn
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import Parameters, ramp_of
 from cablepod.parameters._time_functions import SINES
 from cablepod.scene._warnings import checked_members
 
@@ -138,9 +138,7 @@ def _warn(given: str, why: str, remedy: str) -> None:
 @lru_cache(64)
 def driven_of(p: Parameters, end_time: float) -> Driven:
     """Return what drives a cable until `end_time` [s], by the equations of the README of this package."""
-    starts = bool(
-        p.free_end or p.initial or p.turbulence or (p.wind or {}).get("ramp")
-    )  # whatever moves, moves one half wave
+    starts = bool(p.free_end or p.initial or p.turbulence or ramp_of(p))  # whatever moves, moves one half wave
     if end_time == 0.0 or not (starts or p.time_functions()) or p.own_keys:  # a chain of its own stands for no cable
         return Driven(0.0, 0.0, 0.0)
     try:

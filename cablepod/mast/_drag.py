@@ -10,8 +10,9 @@ import numpy as np
 from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.mast._beam import DRAG_AREA, Beam, hermite
 from cablepod.parameters._mast import MastParameters
+from cablepod.parameters._parameters import ramp_of
 from cablepod.wind._air import density_of, mean_velocity
-from cablepod.wind._mast_air import MastAir, has_ramp
+from cablepod.wind._mast_air import MastAir
 
 #: Gauss points of an element: drag in a power profile that begins at its lower end to 1e-3, elsewhere to 1e-8.
 GAUSS_POINTS = 8
@@ -76,7 +77,7 @@ def drag_of_mast(p: MastParameters, beam: Beam, air: MastAir | None) -> MastDrag
     """
     upper, weights = gauss_rule(GAUSS_POINTS)
     heights = beam.height[:-1, None] + beam.length[:, None] * upper
-    rises = has_ramp(p) if air is None else bool(air.ramp)
+    rises = bool(ramp_of(p) if air is None else air.ramp)
     if air is not None and not air.has_profile:
         velocity = (air.weights_at(heights.ravel()) @ air.of_mast(air.mean)).reshape(*heights.shape, 2)
     elif p.wind is not None:

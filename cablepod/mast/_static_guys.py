@@ -19,7 +19,7 @@ from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
 from cablepod.parameters._guys import Guy
 from cablepod.parameters._mast import MastParameters
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import Parameters, ramp_of
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.scene._wind_field import linear_between
 from cablepod.wind._air import density_of, mean_velocity
@@ -158,7 +158,7 @@ def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | 
     moment of the drag.  Guys of pieces have it piece by piece, see :func:`cablepod.mast._piecewise_guys.in_mean_wind`.  The wind
     is that of the scene, or that of a field.
     """
-    if not guys or (air is None and (p.wind is None or float(p.wind["ramp"]))):
+    if not guys or (air is None and (p.wind is None or ramp_of(p))):
         return list(guys)
     result = [guy if guy.pieces is None else _in_wind(guy, g, p, air) for g, guy in enumerate(guys)]
     uniform = [g for g, guy in enumerate(guys) if guy.pieces is None]

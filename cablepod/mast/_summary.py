@@ -17,6 +17,7 @@ from cablepod.mast._output import NAMES
 from cablepod.mast._piecewise_guys import first_thing, note_of_ratios
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.parameters._parameters import ramp_of
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.scene._mast_notes import notes_of_mast
 from cablepod.scene._warnings import without_warnings
@@ -93,7 +94,7 @@ def _summary(scene: xr.Dataset) -> xr.Dataset:
     at_rest, variables = _numbers(scene, p)
     if p.wind is not None:
         still = scene.drop_vars([name for name in scene.data_vars if str(name).startswith("wind_")])
-        in_wind = _in_mean_wind(scene, variables) if float(p.wind["ramp"]) else dict(variables)
+        in_wind = _in_mean_wind(scene, variables) if ramp_of(p) else dict(variables)
         parts = (_numbers(still, mast_parameters(still))[1], in_wind)
         for ending, numbers in zip((OF_STILL_AIR, OF_MEAN_WIND), parts, strict=True):
             variables |= {f"{name}{ending}": value for name, value in numbers.items() if name not in OF_THE_SCENE}

@@ -33,6 +33,11 @@ def has_record(p: InWind) -> bool:
     return p.turbulence is not None and "record" in p.turbulence
 
 
+def ramp_of(p: InWind) -> float:
+    """Return the time in which the wind of a scene rises from still air [s]; 0 where it is there from the start."""
+    return 0.0 if p.wind is None else float(p.wind["ramp"])
+
+
 @dataclass(frozen=True)
 class PointLoad:
     """Force on one point of the cable."""

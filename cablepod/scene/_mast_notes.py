@@ -16,6 +16,7 @@ from cablepod.errors import SceneError
 from cablepod.parameters._guys import Guy
 from cablepod.parameters._keys import LENGTH_KEYS
 from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.parameters._parameters import ramp_of
 from cablepod.scene._note import Note, outside
 from cablepod.scene._notes import likely_keys, notes_of, remedy, worst_first
 from cablepod.scene._table_notes import (
@@ -212,8 +213,7 @@ def warn_of_unusual_mast(p: MastParameters, tension: Any = None) -> None:
     """
     if not may_warn():
         return
-    ramp = p.wind is not None and p.wind["ramp"]
-    found = notes_of_mast(p, None if tension is None or ramp or not p.guys else np.max(tension, axis=1))
+    found = notes_of_mast(p, None if tension is None or ramp_of(p) or not p.guys else np.max(tension, axis=1))
     notes = [note for part in found for note in part[0]]
     warn_with(text_of_warning(notes, found[0][1] if found else []))
 

@@ -17,6 +17,7 @@ from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
 from cablepod.mast._piecewise_guys import kind_in_studies
 from cablepod.mast._runs import check_run
 from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.parameters._parameters import ramp_of
 from cablepod.study._figures import write_drawings
 from cablepod.study._models import recorded
 from cablepod.study._stages import Stages, prepared_folder
@@ -72,7 +73,7 @@ def run_mast(
 def _after_ramps(p: MastParameters) -> tuple[float, float] | None:
     """Return the part of the run after the ramps of wind and forces [s]; None without one, and if too little is left then."""
     end = float(p.times()[-1])
-    ramps = [float((p.wind or {}).get("ramp", 0.0)), *(load.factor.ramp for load in p.loads if load.factor is not None)]
+    ramps = [ramp_of(p), *(load.factor.ramp for load in p.loads if load.factor is not None)]
     start = start_of_statistics(ramps, end)
     return (start, end) if start else None
 

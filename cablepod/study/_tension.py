@@ -16,6 +16,7 @@ from cablepod.conventions import ENDS, label
 from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
 from cablepod.integrate._window import within
 from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import ramp_of
 from cablepod.study._models import recorded
 
 #: Instants in a period of the fastest vibration that the summary tells, the third one, and their least and largest number.
@@ -65,7 +66,7 @@ def tension_in_wind(
     """
     p = parameters(scene)
     end = float(reference["time"][-1])
-    ramps = (float((p.wind or {}).get("ramp", 0.0)), *(item.ramp for item in p.time_functions().values()))
+    ramps = (ramp_of(p), *(item.ramp for item in p.time_functions().values()))
     window = (start_of_statistics(ramps, end), end)
     found = np.concatenate([numbers[f"frequency_{plane}"].values for plane in ("in_plane", "out_of_plane")])
     highest = float(np.nanmax(found, initial=0.0))

@@ -12,7 +12,7 @@ import xarray as xr
 
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, warn
-from cablepod.parameters._parameters import InWind, Parameters, has_record
+from cablepod.parameters._parameters import InWind, Parameters, has_record, ramp_of
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._wind_field import (
     RECORD,
@@ -88,7 +88,7 @@ def air_of(p: Parameters, end_time: float, given: xr.Dataset | None = None) -> C
     end_time
         End of the run [s].
     given
-        Field, as of :func:`cablepod.wind.field`, in place of that of the scene.
+        Field, as of :func:`cablepod.wind.field`, in place of that of the scene, whose density, drag and ramp it has.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def air_of(p: Parameters, end_time: float, given: xr.Dataset | None = None) -> C
         return None if p.wind is None else _of_scene(p, max(end_time, p.duration or 0.0))
     if p.diameter is None:
         raise SceneError("cable.diameter: missing; allowed: a diameter [m], on which the wind acts")
-    return _of_field(p, end_time, given)
+    return _ramped(p, _of_field(p, end_time, given))
 
 
 def refined(velocity: np.ndarray) -> np.ndarray:
@@ -146,9 +146,9 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     """Return the air of the tables [wind] and [wind.turbulence]."""
     assert p.wind is not None
     if has_record(p):
-        return _of_record(p, end_time)
+        return _ramped(p, _of_record(p, end_time))
     sigma, position = rest_points(p)
-    ramp, mean = float(p.wind["ramp"]), mean_velocity(p, position[:, 1])
+    ramp, mean = ramp_of(p), mean_velocity(p, position[:, 1])
     if p.turbulence is not None:
         rate, interval = 1.0 / INTERVAL, INTERVAL
         content = ByKey((key_of_wind(p), position.tobytes()), (p, position))
@@ -163,13 +163,27 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
 
 
 def _ramped(p: Parameters, air: CableAir) -> CableAir:
-    """Return the air with the ramp of the scene."""
-    assert p.wind is not None
-    ramp = float(p.wind["ramp"])
+    """Return the air with the ramp of the scene, if there is one."""
+    ramp = ramp_of(p)
     if not ramp:
         return air
-    step = smooth_step(np.arange(len(air.velocity)) / air.samples_per_second / ramp)
-    return replace(air, velocity=air.velocity * step[:, None, None], mean=0.0 * air.mean)
+    velocity, parts = rising(air.velocity, air.samples_per_second, ramp)
+    rate, interval = air.samples_per_second * parts, air.interval / parts
+    return replace(air, velocity=velocity, samples_per_second=rate, mean=0.0 * air.mean, interval=interval)
+
+
+def rising(velocity: np.ndarray, rate: float, ramp: float) -> tuple[np.ndarray, int]:
+    """Return velocities (samples, points, dims) that rise in a ramp [s], and their number for each given one, `rate` a second.
+
+    A ramp has ten samples, but none closer than those of the gusts of a scene; between given ones the air is :func:`refined`.
+    """
+    parts = max(1, math.ceil(min(PARTS_OF_RAMP / ramp, 1.0 / INTERVAL) / rate * (1.0 - 1e-6)))
+    if parts > 1:
+        given = refined(velocity)
+        places = np.linspace(0.0, len(given) - 1.0, (len(velocity) - 1) * parts + 1)
+        velocity = linear_between(np.arange(len(given)), given, places, axis=0)
+    step = smooth_step(np.arange(len(velocity)) / (rate * parts) / ramp)
+    return velocity * step[:, None, None], parts
 
 
 def density_of(p: InWind) -> float:
@@ -271,18 +285,18 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
 
 
 def _of_field(p: Parameters, end_time: float, given: xr.Dataset, key: str = "wind") -> CableAir:
-    """Return the air of a given field."""
+    """Return the air of a given field, without a ramp."""
     time, sigma, velocity, mean = checked_field(p, end_time, given, key)
     rate, velocity = resampled(time, velocity)
     return CableAir(velocity, sigma, rate, drag_of(p, density_of(p)), mean, 1.0 / rate)
 
 
 def _of_record(p: Parameters, end_time: float) -> CableAir:
-    """Return the air of wind.turbulence.record, with the ramp of the scene."""
+    """Return the air of wind.turbulence.record, without a ramp."""
     sigma, position = rest_points(p)
     air = _of_field(p, end_time, field_of_record(p), key_of_record(p))
     warn_of_other_mean(air.steady.at(sigma)[0], mean_velocity(p, position[:, 1]), "along the cable")
-    return _ramped(p, air)
+    return air
 
 
 def resampled(time: np.ndarray, velocity: np.ndarray) -> tuple[float, np.ndarray]:

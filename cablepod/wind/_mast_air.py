@@ -13,7 +13,7 @@ import xarray as xr
 
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
-from cablepod.parameters._parameters import has_record
+from cablepod.parameters._parameters import has_record, ramp_of
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS, at_mast_points, mast_points
 from cablepod.scene._wind_field import field_of_record, key_of_record, linear_between
@@ -26,6 +26,7 @@ from cablepod.wind._air import (
     key_of_wind,
     mean_velocity,
     resampled,
+    rising,
     turbulence_at,
     warn_of_other_mean,
 )
@@ -100,7 +101,7 @@ def mast_air(p: MastParameters, end_time: float, given: xr.Dataset | None = None
     end_time
         End of the run [s].
     given
-        Field, as of :func:`cablepod.wind.field`, in place of that of the scene.
+        Field, as of :func:`cablepod.wind.field`, in place of that of the scene, whose density, drag and ramp it has.
 
     Raises
     ------
@@ -125,11 +126,6 @@ def mean_mast_air(p: MastParameters) -> MastAir | None:
     return mast_air(p if has_record(p) else replace(p, turbulence=None), 0.0)
 
 
-def has_ramp(p: MastParameters) -> bool:
-    """Tell whether the wind of a scene rises from still air; that of a given field does not."""
-    return p.wind is not None and bool(float(p.wind["ramp"]))
-
-
 def _content(p: MastParameters, end_time: float, given: xr.Dataset | None = None, key: str = "") -> ByKey:
     """Return what determines the air on a mast: parameters, end of the run, and of a given field what is taken of it."""
     taken, digest = None, hashlib.sha256(mast_points(p)[0].tobytes())
@@ -149,8 +145,8 @@ def _of_scene(content: ByKey) -> MastAir:
     if has_record(p):
         return _of_record(p, end_time)
     position = mast_points(p)[0]
-    mean, ramp = mean_velocity(p, position[:, 1]), float(p.wind["ramp"])
-    if p.turbulence is None and not ramp:
+    mean = mean_velocity(p, position[:, 1])
+    if p.turbulence is None and not ramp_of(p):
         velocity = np.repeat(mean[None], 2, axis=0)
     else:
         velocity = np.zeros((instants_until(end_time), *mean.shape))
@@ -180,29 +176,29 @@ def _order_in_wind(p: MastParameters) -> np.ndarray:
 
 @lru_cache(2)
 def _of_field(content: ByKey) -> MastAir:
-    """Return the air of a given field."""
+    """Return the air of a given field, with the ramp of the scene."""
     p, _, (rate, velocity, mean) = content.values
     position = mast_points(p)[0]
     profile = mean_velocity(p, position[:, 1]) if p.wind is not None else None
-    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9)) and not has_ramp(p)
-    return MastAir(position, velocity, rate, mean, mean, density_of(p), has_profile)
+    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9))
+    return _ramped(p, MastAir(position, velocity, rate, mean, mean, density_of(p), has_profile))
 
 
 def _of_record(p: MastParameters, end_time: float) -> MastAir:
-    """Return the air of wind.turbulence.record, with the ramp of the scene."""
+    """Return the air of wind.turbulence.record."""
     air = _of_field(_content(p, end_time, field_of_record(p), key_of_record(p)))
     warn_of_other_mean(air.mean, mean_velocity(p, air.positions[:, 1]), "on mast and guys")
-    return _ramped(p, air)
+    return air
 
 
 def _ramped(p: MastParameters, air: MastAir) -> MastAir:
-    """Return the air with the ramp of the scene."""
-    assert p.wind is not None
-    ramp = float(p.wind["ramp"])
+    """Return the air with the ramp of the scene, if there is one."""
+    ramp = ramp_of(p)
     if not ramp:
         return air
-    rising = replace(air, start=0.0 * air.mean, ramp=ramp)
-    return replace(rising, velocity=air.velocity * rising.growth[:, None, None])
+    velocity, parts = rising(air.velocity, air.samples_per_second, ramp)
+    rate = air.samples_per_second * parts
+    return replace(air, velocity=velocity, samples_per_second=rate, start=0.0 * air.mean, ramp=ramp)
 
 
 def mast_field(p: MastParameters, time: np.ndarray) -> tuple[MastAir, np.ndarray]:

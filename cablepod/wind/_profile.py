@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.conventions import STILL_AIR
-from cablepod.parameters._parameters import InWind, has_record
+from cablepod.parameters._parameters import InWind, has_record, ramp_of
 
 
 def mean_speed(wind: Mapping[str, Any], height: np.ndarray) -> np.ndarray:
@@ -28,7 +28,7 @@ def air_at_rest(p: InWind) -> str:
     recorded = has_record(p)
     if p.wind is None or not (recorded or float(p.wind["speed"])):
         return STILL_AIR
-    if float(p.wind["ramp"]):
+    if ramp_of(p):
         return f"{STILL_AIR}, from which the wind rises"
     if recorded:
         return "mean wind of the record"

@@ -1,0 +1,100 @@
+"""Fields given by ``wind=`` or a record: all else of [wind] holds, so that the field of a scene changes nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from mast_scenes import small, windy
+from suite import slow
+from wind_scenes import GUY, KAIMAL, WIND
+
+import cablepod as cp
+
+SHORT = {**GUY, "chain": {"links": 10}, "time": {"duration": 2.0, "interval": 0.1}}
+#: All other keys of the wind and the cable that a field leaves to the scene.
+OTHERS = {"ice": {"thickness": 0.01}, "cable": {**GUY["cable"], "drag_coefficient": 0.9}}
+KINDS = {"steady": WIND, "gusts": KAIMAL, "record": {**WIND, "turbulence": {"record": "field.nc"}}}
+
+
+def modes():
+    return cp.condensed.vibration_modes(cp.make_scene({**SHORT, "wind": WIND}), rank=3)
+
+
+def chain(scene, wind, **options):
+    return cp.chain.simulate(scene, wind=wind, **options).position.values
+
+
+def cable(scene, wind, **options):
+    return cp.cable.simulate(scene, elements=2, wind=wind, **options).position.values
+
+
+def condensed(scene, wind, **options):
+    return cp.condensed.simulate(scene, modes(), step=0.02, wind=wind, outputs=("position",), **options).position.values
+
+
+def prepared(scene, wind):
+    return cp.condensed.prepare(scene, modes(), step=0.02, wind=wind).run(outputs=("position",)).position
+
+
+def host(scene, wind):
+    guy = cp.condensed.prepare(scene, modes(), step=0.02, wind=wind)
+    return np.array([guy.step(guy.end_position, 0.0 * guy.end_position, 0.02) for _ in range(100)])
+
+
+def members(scene, wind):
+    scenes = xr.concat([scene.assign(wind_air_density=density) for density in (1.25, 1.0)], dim="member")
+    return condensed(scenes.assign_attrs(scene.attrs), wind)[1]
+
+
+MODELS = {
+    "chain": lambda scene, wind: chain(scene, wind, step=1e-3),
+    "trapezoidal": lambda scene, wind: chain(scene, wind, step=5e-3, scheme="trapezoidal"),
+    "generalized_alpha": lambda scene, wind: chain(scene, wind, step=5e-3, scheme="generalized_alpha"),
+    "energy_momentum": lambda scene, wind: chain(scene, wind, step=5e-3, scheme="energy_momentum"),
+    "cable": lambda scene, wind: cable(scene, wind, step=1e-2, scheme="trapezoidal"),
+    "cable explicit": lambda scene, wind: cable(scene, wind, step=1e-4, scheme="velocity_verlet"),
+    "condensed": condensed,
+    "exact": lambda scene, wind: condensed(scene, wind, order="exact"),
+    "inertial": lambda scene, wind: condensed(scene, wind, order="inertial"),
+    "members": members,
+    "prepared": prepared,
+    "host": host,
+}  # fmt: skip
+OFTEN = ("chain", "condensed", "host")
+
+
+@pytest.mark.parametrize("ramp", [0.0, 1.0])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("model", [model if model in OFTEN else slow(model) for model in MODELS])
+def test_the_field_of_a_scene_changes_nothing(model, kind, ramp, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tables = {**SHORT, **OTHERS, "wind": {**KINDS[kind], "air_density": 1.1, "ramp": ramp}}
+    if model in ("prepared", "host"):  # which refuse ice
+        del tables["ice"]
+    if kind == "record":
+        cp.wind.field(cp.make_scene({**tables, "wind": KAIMAL})).to_netcdf("field.nc")
+    scene = cp.make_scene(tables)
+    own, given = (MODELS[model](scene, wind) for wind in (None, cp.wind.field(scene)))
+    blown = MODELS[model](scene, cp.wind.field(cp.make_scene({**tables, "wind": {**KAIMAL, "speed": 30.0}})))
+    moved = np.abs(blown - own).max()
+    # a ramp of 1 s has ten samples of a field, a steady one of the scene 200
+    assert np.abs(given - own).max() < (2e-3 if kind == "steady" and ramp else 1e-9) * moved
+
+
+@pytest.mark.parametrize("kind", ["condensed", slow("chain"), slow("catenary")])
+@pytest.mark.parametrize("ramp", [0.0, 1.0])
+def test_the_field_of_a_mast_changes_nothing(kind, ramp):
+    scene = small(lambda mapping: (windy(mapping), mapping.update(wind={**mapping["wind"], "ramp": ramp})))
+    own, given = (cp.mast.simulate(scene, guys=kind, wind=wind) for wind in (None, cp.wind.field(scene)))
+    moved = float(abs(own.displacement - own.displacement[0]).max())
+    assert float(abs(given.displacement - own.displacement).max()) < 1e-9 * moved
+
+
+@pytest.mark.parametrize("interval", [1.0, 12.0])
+def test_a_ramp_does_not_take_the_instants_of_a_field(interval):
+    """A steady field needs two instants; a ramp with its factor at these alone lasted until the second."""
+    scene = cp.make_scene({**SHORT, "wind": {**WIND, "ramp": 1.0}, "time": {"duration": 12.0, "interval": 0.1}})
+    field = cp.wind.field(scene, times=np.arange(0.0, 12.0 + interval, interval))
+    own, given = (condensed(scene, wind) for wind in (None, field))
+    assert np.abs(given - own).max() < 2e-3 * np.abs(own - own[0]).max()  # of the ten samples
