@@ -22,7 +22,16 @@ from cablepod._inputs import SCENE, Kind, taken
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
-from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, SceneError, StoppedError, warn
+from cablepod.errors import (
+    AllFailedError,
+    MemberFailedWarning,
+    RunStopped,
+    SceneError,
+    StoppedError,
+    scene_error,
+    shown,
+    warn,
+)
 from cablepod.parameters._parameters import count_instants
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
@@ -202,6 +211,35 @@ def check_common_times(scene: xr.Dataset, times: Any) -> None:
             raise SceneError(f"{key}: given {given}; allowed: one value for all members, or the option times")
 
 
+def has_members(field: Any) -> bool:
+    """Tell whether a field of wind, or a scene, is along ``member``."""
+    return isinstance(field, xr.Dataset) and "member" in field.dims
+
+
+def of_member(field: Any, i: int) -> Any:
+    """Return what a member has of a field of wind, or of a scene: its own where it is along ``member``."""
+    # not drop=True: parameters may be coordinates
+    return field.isel(member=i).drop_vars("member", errors="ignore") if has_members(field) else field
+
+
+def check_members_of_field(field: Any, scene: xr.Dataset) -> None:
+    """Refuse a field of wind along ``member`` whose members are not those of the scene, in their order.
+
+    Raises
+    ------
+    SceneError
+        Names ``wind``.
+    """
+    if not has_members(field):
+        return
+    given, own = (data.get("member", np.arange(data.sizes["member"])) for data in (field, scene))
+    if not np.array_equal(given, own):
+        of_each = [np.asarray(labels).tolist() for labels in (given, own)]
+        raise scene_error(
+            "wind: member", of_each[0], f"those of the scene, {shown(of_each[1])}, or a field without member"
+        )
+
+
 def no_plan(*_: Any, **__: Any) -> None:
     """Run member by member, see :func:`over_members_by`."""
 
@@ -233,9 +271,12 @@ def over_members_by(
             if has_times:
                 check_common_times(scene, options.get("times"))
             check(scene)
+            check_members_of_field(options.get("wind"), scene)
             given = {name: value for name, value in options.items() if name != "progress"}
             datasets = [value for value in (*args, *given.values()) if isinstance(value, xr.Dataset)]
-            batch = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
+            batch = plan(scene, *args, **given)
+            if batch is None or has_members(options.get("wind")):
+                batch = _member_by_member(function, scene, args, options)
             stack = run_members(
                 batch.run_member, scene.sizes["member"], options.get("progress"), prepare_chunk=batch.prepare_chunk,
                 lanes=batch.lanes,
@@ -258,8 +299,8 @@ def _member_by_member(function: F, scene: xr.Dataset, args: tuple[Any, ...], opt
     single = {**options, "progress": None} if "progress" in options else options
 
     def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
-        # not drop=True: parameters may be coordinates
-        result = function(scene.isel(member=i).drop_vars("member", errors="ignore"), *args, **single)
+        own = {name: of_member(value, i) if name == "wind" else value for name, value in single.items()}
+        result = function(of_member(scene, i), *args, **own)
         first[:] = [result]
         return arrays_of(result), result.attrs
 

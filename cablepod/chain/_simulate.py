@@ -159,7 +159,7 @@ def simulate(
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     wind
         Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of mean wind and gusts of the scene,
-        whose ramp, air density, drag and ice it has.
+        whose ramp, air density, drag and ice it has; along ``member``, that of each member.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 

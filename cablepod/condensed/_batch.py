@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import xarray as xr
 
 from cablepod._resources import ARRAYS_OF_RUN, check_memory
 from cablepod.batch._computed import computed_variable
-from cablepod.batch._members import Rows, RunChunk, run_members
+from cablepod.batch._members import Rows, RunChunk, of_member, run_members
 from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
 from cablepod.condensed._batch_fitted import first_steps, fit
@@ -63,7 +63,7 @@ def run(
     """
 
     def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
-        solution = solve(make(members[i]), request)
+        solution = solve(make(members[i]), replace(request, wind=of_member(request.wind, i)))
         model = solution.run.model  # with the loads of the wind
         result = variables(model, solution.state, request.outputs, request.links)
         result |= places_of(model, result, request.links)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
-from cablepod.batch._members import check_common_times
+from cablepod.batch._members import check_common_times, check_members_of_field
 from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
@@ -87,7 +87,7 @@ def simulate(
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     wind
         Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of mean wind and gusts of the scene,
-        whose ramp, air density, drag and ice it has.
+        whose ramp, air density, drag and ice it has; along ``member``, that of each member.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 
@@ -157,6 +157,7 @@ def simulate(
     p, several = content.parameters(), "member" in scene.dims
     if several:
         check_common_times(scene, times)
+        check_members_of_field(wind, scene)
         warn_of_members(scene)
     else:
         warn_of_unusual(p)

@@ -58,7 +58,7 @@ def simulate(
         Start and end [s] of the part of the run over which extremes, means and standard deviations are taken.
     wind
         Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of mean wind and gusts of the scene,
-        whose ramp, air density, drag and ice it has.
+        whose ramp, air density, drag and ice it has; along ``member``, that of each member.
     outputs
         Some of "displacement", "guy_tension", "guy_force", "bending_moment", "shear_force", "axial_compression", "foot_force",
         "anchor_force", "extremes", "envelopes"; with condensed guys also "guy_position" (at 21 points of each guy), "energy"

@@ -11,7 +11,14 @@ import xarray as xr
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import has_record
-from cablepod.scene._wind_field import by_axes, checked_field, field_of_record, key_of_record, linear_between
+from cablepod.scene._wind_field import (
+    by_axes,
+    checked_field,
+    field_of_record,
+    key_of_record,
+    linear_between,
+    positions_of,
+)
 
 #: Points of the air along each guy, and along the mast.
 GUY_POINTS, MAST_POINTS = 9, 17
@@ -104,15 +111,15 @@ def _of_line(given: Any, line: int, ends: np.ndarray, key: str, name: str) -> An
         chosen = np.flatnonzero(given["guy"].values == line)
         own = given.isel(point=chosen)
     else:
-        place = given.get("position")
-        if place is None or set(place.dims) != {"point", "component"} or place.dtype.kind not in "iuf":
+        if "position" not in given.variables:
             raise SceneError(
                 f"{key}: given a field without places; allowed: one with position (point, component) [m], or with guy and "
                 "relative_arc_length (point)"
             )
-        reach, from_end = ends[1] - ends[0], place.transpose("point", "component").values.astype(float) - ends[0]
-        if from_end.shape[1] != 3:
-            raise SceneError(f"{key}: given positions of {from_end.shape[1]} numbers; allowed: three")
+        place = positions_of(given, key)
+        if place.shape[1] != 3:
+            raise SceneError(f"{key}: given positions of {place.shape[1]} numbers; allowed: three")
+        reach, from_end = ends[1] - ends[0], place - ends[0]
         length = float(np.linalg.norm(reach))
         sigma = np.clip(from_end @ reach / length**2, 0.0, 1.0)
         distance = np.linalg.norm(from_end - sigma[:, None] * reach, axis=1)

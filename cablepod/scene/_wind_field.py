@@ -28,7 +28,7 @@ GROUND_POINTS = 401
 MAX_GAP = 10.0
 WHAT = "record, a netCDF file with wind (time, point, component)"
 #: Units of the variables of a field.
-UNITS_OF_FIELD = {"time": "s", "wind": "m s-1", "mean_wind": "m s-1", "position": "m"}
+UNITS_OF_FIELD = {"time": "s", "wind": "m s-1", "mean_wind": "m s-1", "position": "m", "relative_arc_length": "1"}
 
 
 def read_wind_record(path: Path, expected: str | None) -> dict[str, str]:
@@ -165,6 +165,15 @@ def by_axes(field: xr.Dataset) -> xr.Dataset:
     return field if names == sorted(names) else field.isel(component=np.argsort(names))
 
 
+def positions_of(given: xr.Dataset, key: str) -> np.ndarray:
+    """Return the positions of the points of a field (points, dims) [m]; refuse what are no finite numbers."""
+    _check_numbers(key, given, "position", ("point", "component"))
+    place = given.variables["position"].transpose("point", "component").values.astype(float)
+    if not np.isfinite(place).all():
+        raise SceneError(f"{key}: given a position that is not finite; allowed: finite positions [m]")
+    return place
+
+
 def _check_variables(key: str, given: Any, names: tuple[str, ...], allowed: str) -> None:
     """Refuse a field that is no Dataset, or lacks variables."""
     if not isinstance(given, xr.Dataset):
@@ -190,24 +199,23 @@ def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, 
             raise SceneError(
                 f"{key}: given relative_arc_length outside of the cable; allowed: a number from 0 to 1 a point"
             )
-        near = np.ones(sigma.size, dtype=bool)
+        near, distance = np.ones(sigma.size, dtype=bool), np.zeros(sigma.size)
     else:
         _check_variables(
             key, given, ("position",), "a field with relative_arc_length (point) or position (point, component)"
         )
-        _check_numbers(key, given, "position", ("point", "component"))
-        place = given.variables["position"].transpose("point", "component").values.astype(float)
+        place = positions_of(given, key)
         of_rest, rest = np.linspace(0.0, 1.0, 401), _rest_of_member(p, 401)[0]
-        distance = np.sqrt(((place[:, None] - rest[None]) ** 2).sum(axis=-1))
-        sigma = of_rest[distance.argmin(axis=1)]
+        distances = np.sqrt(((place[:, None] - rest[None]) ** 2).sum(axis=-1))
+        sigma, distance = of_rest[distances.argmin(axis=1)], distances.min(axis=1)
         chord = float(np.linalg.norm(rest[-1] - rest[0]))
-        near = distance.min(axis=1) <= MAX_DISTANCE * chord
+        near = distance <= MAX_DISTANCE * chord
         if not near.any():
             raise SceneError(
                 f"{key}: given a field with no point near the cable (the nearest is {distance.min():.3g} m away); "
                 f"allowed: points within {MAX_DISTANCE * chord:.3g} m"
             )
-    order = np.flatnonzero(near)[np.argsort(sigma[near], kind="stable")]
+    order = np.flatnonzero(near)[np.lexsort((distance[near], sigma[near]))]  # of points at one place the nearest
     order = order[np.concatenate([[True], np.diff(sigma[order]) > 0.0])]
     return sigma[order], order
 

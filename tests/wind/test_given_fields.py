@@ -98,3 +98,39 @@ def test_a_ramp_does_not_take_the_instants_of_a_field(interval):
     field = cp.wind.field(scene, times=np.arange(0.0, 12.0 + interval, interval))
     own, given = (condensed(scene, wind) for wind in (None, field))
     assert np.abs(given - own).max() < 2e-3 * np.abs(own - own[0]).max()  # of the ten samples
+
+
+@pytest.mark.parametrize("model", ["chain", "condensed", "mast"])
+def test_members_have_fields_of_their_own(model):
+    scene = small(windy) if model == "mast" else cp.make_scene({**SHORT, "wind": KAIMAL})
+    scenes = cp.ensemble.design(scene, {"wind.speed": [10.0, 20.0]}, members=2)
+    simulate = {
+        "chain": lambda wind: cp.chain.simulate(scenes, step=1e-3, wind=wind).position.values,
+        "condensed": lambda wind: condensed(scenes, wind),
+        "mast": lambda wind: cp.mast.simulate(scenes, wind=wind).displacement.values,
+    }[model]
+    own, fields = simulate(None), cp.wind.field(scenes)
+    np.testing.assert_allclose(simulate(fields), own, rtol=0, atol=1e-9)
+    for other in (fields.isel(member=[1, 0]), fields.isel(member=[0])):
+        with pytest.raises(cp.SceneError, match=r"^wind: member: given .*; allowed: those of the scene, \[0, 1\]"):
+            simulate(other)
+
+
+def test_of_points_at_one_place_the_nearest_counts():
+    scene = cp.make_scene({**SHORT, "wind": KAIMAL})
+    field = cp.wind.field(scene).drop_vars("relative_arc_length")
+    aside = field.assign(position=field.position + 2.0 * (field.component == "z"), wind=0.5 * field.wind)
+    for both in ((aside, field), (field, aside)):
+        found = condensed(scene, xr.concat(both, dim="point"))
+        np.testing.assert_allclose(found, condensed(scene, field), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("mast", [False, True])
+def test_positions_are_finite(mast):
+    scene = small(windy) if mast else cp.make_scene({**SHORT, "wind": KAIMAL})
+    field = cp.wind.field(scene).drop_vars(["relative_arc_length", "guy"], errors="ignore")
+    simulate = cp.mast.simulate if mast else cp.chain.simulate
+    with pytest.raises(
+        cp.SceneError, match=r"^wind: given a position that is not finite; allowed: finite positions \[m\]"
+    ):
+        simulate(scene, wind=field.assign(position=field.position.where(field.point != 3)))

@@ -139,6 +139,10 @@ BAD = {
     "millimetres": (
         lambda f: f.assign(position=f.position.assign_attrs(units="mm")), r"position: given units 'mm'; allowed: m"
     ),
+    "per cent": (
+        lambda f: f.assign_coords(relative_arc_length=f.relative_arc_length.assign_attrs(units="%")),
+        r"relative_arc_length: given units '%'; allowed: 1",
+    ),
     "components of points": (
         lambda f: f.drop_vars("component").assign_coords(component=("point", f.point.values)), r"component over"
     ),
