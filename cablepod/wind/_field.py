@@ -45,9 +45,9 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     seed
         Seed of the turbulence, instead of the scene's.
     points
-        Positions (points, coordinates) [m]; by default 41 points along the cable at rest in still air, at equal intervals of
-        the unstretched arc length, and a few more where the profile of the mean wind bends; of a mast 17 points, and 9 of the
-        chord of each guy.
+        Positions (points, coordinates) [m], of which a DataArray may label the coordinates "x", "y", "z"; by default 41 points
+        along the cable at rest in still air, at equal intervals of the unstretched arc length, and a few more where the profile
+        of the mean wind bends; of a mast 17 points, and 9 of the chord of each guy.
 
     Returns
     -------
@@ -65,7 +65,8 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     -----
     A sum of harmonics with the amplitudes of the spectrum and random phases, coupled by Davenport's coherence; both components
     are independent of each other.  The turbulence is carried along with the mean speed at the reference height (Taylor's
-    hypothesis).  It depends on seed, spectrum, points and duration, on nothing else.
+    hypothesis).  It depends on seed, spectrum, points and duration, on nothing else.  ``wind.ramp`` belongs to runs: models let a
+    field rise as they do the wind of the scene.
 
     M. Shinozuka and G. Deodatis, Simulation of stochastic processes by spectral representation, Appl. Mech. Rev. 44, 191 (1991).
 
@@ -148,6 +149,8 @@ def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray |
         sigma, position = rest_points(p)
         return position, None, sigma
     check_units("points", points, "m")
+    if isinstance(points, xr.DataArray):
+        points = _by_labels(points)
     given = np.asarray(points).tolist() if _is_array(points) else points
     if not isinstance(given, list | tuple) or not given:
         raise scene_error("points", points, "a list of positions [m]")
@@ -174,6 +177,14 @@ def _refuse_beside_record(seed: int | None, points: Any) -> None:
     for key, value in (("seed", seed), ("points", points)):
         if value is not None:
             raise scene_error(key, value, "none with wind.turbulence.record, which is a field along the cable")
+
+
+def _by_labels(points: xr.DataArray) -> xr.DataArray:
+    """Return positions whose last dimension is that of the axes, in their order; as they are without such labels."""
+    for name, label in points.coords.items():
+        if label.dims == (name,) and sorted(map(str, label.values)) == list(COORDINATES[: label.size]):
+            return points.sortby(str(name)).transpose(..., name)
+    return points
 
 
 def _is_array(points: Any) -> bool:

@@ -205,6 +205,4 @@ def mast_field(p: MastParameters, time: np.ndarray) -> tuple[MastAir, np.ndarray
     """Return the air on a mast without its ramp, and its velocity at instants (instants, points, 3) [m/s]."""
     still = replace(p, wind={**(p.wind or {}), "ramp": 0.0})
     air: Any = mast_air(still, float(time[-1]))
-    if len(air.velocity) == 2:  # steady
-        return air, np.repeat(air.mean[None], time.size, axis=0)
     return air, linear_between(np.arange(len(air.velocity)) / air.samples_per_second, air.velocity, time, axis=0)

@@ -116,3 +116,10 @@ def test_rest_with_a_record_is_in_the_mean_of_the_record(field, tmp_path):
 def test_other_fields_are_refused(scene, field, change, text):
     with pytest.raises(SceneError, match=rf"^wind: .*({text}).*"):
         cp.mast.simulate(scene, wind=change(field))
+
+
+def test_a_record_of_two_instants_is_no_steady_one(field, tmp_path):
+    two = field.isel(time=[0, -1]).drop_vars("mean_wind")
+    two.to_netcdf(tmp_path / "two.nc")
+    found = cp.wind.field(with_record(tmp_path / "two.nc"))
+    np.testing.assert_allclose(found.wind.isel(time=[0, -1]), two.wind, rtol=1e-12)

@@ -132,6 +132,16 @@ def test_first_values_of_a_seed_are_those_of_any_machine():
     assert (field.wind[:, 0, 0] - field.mean_wind[0, 0]).values == pytest.approx(expected, rel=1e-9)
 
 
+def test_points_are_read_by_their_labels():
+    rest = cp.catenary.rest(scene(), points=5).position
+    fields = [
+        cp.wind.field(scene(), points=p) for p in (rest.values, rest.isel(coordinate=[2, 0, 1]), rest.transpose())
+    ]
+    for other in fields[1:]:
+        np.testing.assert_array_equal(other.position, rest)
+        np.testing.assert_array_equal(other.wind, fields[0].wind)
+
+
 @pytest.mark.parametrize(
     ("options", "key"),
     [
