@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mast_scenes import small
 from scipy.fft import next_fast_len
+from suite import slow
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
@@ -64,6 +65,51 @@ def test_variances_and_covariances_of_kaimal_turbulence():
                 )
     across_along = np.einsum("stp,stp->p", parts[..., 0], parts[..., 2]) / (200 * samples)
     assert np.abs(across_along).max() < 0.015 * deviation.max() * expected.max()
+
+
+#: Spectra n S / u*^2, or of von Karman over the variance, along and across, by f = n h / U, n L / U, or 1200 m n / U10.
+SPECTRA = {
+    "kaimal": lambda f: (200.0 * f / (1.0 + 50.0 * f) ** (5 / 3), 15.0 * f / (1.0 + 9.5 * f) ** (5 / 3)),
+    "davenport": lambda x: (4.0 * x**2 / (1.0 + x**2) ** (4 / 3), 0.75**2 * 4.0 * x**2 / (1.0 + x**2) ** (4 / 3)),
+    "von_karman": lambda g: (
+        4.0 * g / (1.0 + 70.8 * g**2) ** (5 / 6),
+        2.0 * g * (1.0 + 188.8 * g**2) / (1.0 + 70.8 * g**2) ** (11 / 6),  # with L / 2, as isotropic turbulence has it
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ["kaimal", slow("davenport"), slow("von_karman")])
+def test_spectra_and_coherences_in_an_oblique_wind(name):
+    """Periodograms and cross spectra of points above, beside and behind each other, over 24 seeds, in bands."""
+    points = np.array([[0.0, 10.0, 0.0], [0.0, 30.0, 0.0], [-6.4, 30.0, 4.8], [6.0, 30.0, 8.0]])
+    given = {"intensity": 0.16, "length_scale": 120.0} if name == "von_karman" else {}
+    wind = {
+        "speed": 25.0,
+        "direction": [0.6, 0.0, 0.8],
+        "turbulence": {"spectrum": name, "decay": [8.0, 14.0], **given},
+    }
+    windy = scene(wind, time={"duration": 600.0, "interval": 1.0})
+    axes = np.array([[0.6, 0.0, 0.8], [-0.8, 0.0, 0.6]])
+    fields = [cp.wind.field(windy, seed=seed, points=points) for seed in range(24)]
+    gusts = np.stack([((field.wind - field.mean_wind).values @ axes.T)[:-1] for field in fields])
+    waves, n = np.fft.rfft(gusts, axis=1) * 0.1, np.fft.rfftfreq(6000, 0.1)[:, None]
+    speed = 25.0 * np.log(points[:, 1] / 0.03) / np.log(10.0 / 0.03)
+    scales = {"kaimal": points[:, 1] / speed, "davenport": np.full(4, 1200.0 / 25.0), "von_karman": 120.0 / speed}
+    size = 0.16 * 25.0 if given else 0.4 * 25.0 / np.log(10.0 / 0.03)
+    for low, high in ((0.05, 0.2), (0.2, 1.0)):
+        band = (n[:, 0] >= low) & (n[:, 0] < high)
+        rtol = 4.0 / np.sqrt(24 * band.sum())  # four standard deviations
+        for component in (0, 1):
+            own = waves[:, band][..., component]
+            expected = size**2 * SPECTRA[name](n[band] * scales[name])[component] / n[band]
+            periodogram = 2.0 * (np.abs(own) ** 2).mean(axis=0) / 600.0
+            np.testing.assert_allclose(periodogram.mean(axis=0), expected.mean(axis=0), rtol=rtol)
+            for p, q, decay, behind in ((0, 1, 8.0 * 20.0, 0.0), (1, 2, 14.0 * 8.0, 0.0), (1, 3, 0.0, 10.0)):
+                turned = np.exp(2j * np.pi * n[band, 0] * behind / 25.0)  # Taylor, by the speed at the reference height
+                cross = 2.0 * (np.conj(own[..., p]) * own[..., q]).mean(axis=0) / 600.0 * turned
+                root = np.sqrt(expected[:, p] * expected[:, q])
+                coherent = root * np.exp(-n[band, 0] * decay / (0.5 * (speed[p] + speed[q])))
+                assert abs(cross.mean() - coherent.mean()) < rtol * root.mean()
 
 
 def test_von_karman_has_the_given_intensity():

@@ -95,6 +95,39 @@ def test_blow_back_of_a_level_cable():
     assert float(rest.residual) < 1e-6
 
 
+@pytest.mark.parametrize("model", ["chain", "cable", "condensed"])
+@pytest.mark.parametrize(("direction", "profile"), [((0.0, 0.0, 1.0), "uniform"), ((-0.6, 0.0, 0.8), "power")])
+def test_sag_of_an_iced_string_across_the_wind(model, direction, profile):
+    """A taut string sags by q l^2 / 8 T: q by the normal part of the wind, with density, coefficient, ice and height."""
+    tables = {
+        "gravity": 0.0,
+        "cable": {
+            "axial_stiffness": 4e5,
+            "mass_per_length": MASS,
+            "top_tension": TENSION,
+            "diameter": DIAMETER,
+            "drag_coefficient": 0.9,
+        },
+        "ends": {"lower": [0.0, 0.0, 0.0], "upper": [LENGTH, 0.0, 0.0]},
+        "ice": {"thickness": 0.01},
+        "wind": {"speed": 12.0, "direction": list(direction), "profile": profile, "ground": -20.0, "air_density": 1.1},
+        "chain": {"links": 100},
+        "time": {"duration": 1.0, "interval": 0.1},
+    }
+    if profile == "power":
+        tables["wind"]["exponent"] = 0.2
+    scene = cp.make_scene(tables)
+    if model == "condensed":
+        modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
+        position = cp.condensed.simulate(scene, modes, step=0.005, times=[0.0]).position[0].values
+    else:
+        position = (cp.chain.rest(scene) if model == "chain" else cp.cable.rest(scene, law="linear")).position.values
+    normal = direction[2] * 12.0 * (2.0**0.2 if profile == "power" else 1.0)
+    sag = 0.5 * 1.1 * 0.9 * (0.02 + 2.0 * 0.01) * normal**2 * LENGTH**2 / (8.0 * TENSION)
+    rise = 4e5 / TENSION * 8.0 / 3.0 * (sag / LENGTH) ** 2  # of the tension by the sag, 4e-5
+    assert position[len(position) // 2, 2] == pytest.approx(np.sign(normal) * sag / (1.0 + rise), rel=1e-5)
+
+
 def exact_guy(scene, direction, speed):
     """Solve the boundary value problem of an elastic cable in a uniform wind; returns positions as a function of arc length."""
     rest = cp.catenary.rest(scene, points=201)
