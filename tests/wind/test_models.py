@@ -193,6 +193,38 @@ def test_a_string_in_coherent_turbulence_meets_the_spectral_integral():
     assert found == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
+def test_denser_points_take_away_the_gusts_that_are_too_long():
+    """Spectral integrals over gusts between points and over those of the whole guy give how much too far its shapes swing."""
+    wind = {"speed": 25.0, "direction": [0.0, 0.0, 1.0], "profile": "uniform", "turbulence": {"spectrum": "kaimal"}}
+    cable = {**GUY["cable"], "top_tension": 22000.0}
+    scene = cp.make_scene({**GUY, "cable": cable, "wind": wind, "time": {"duration": 600.0, "interval": 0.05}})
+    modes = cp.condensed.vibration_modes(scene, rank=6)
+    swing = {}
+    for count in (9, 161):
+        points = cp.catenary.rest(scene, points=count).position
+        fields = (cp.wind.field(scene, seed=seed, points=points) for seed in range(14))
+        runs = [cp.condensed.simulate(scene, modes, step=0.0125, wind=field, outputs=()) for field in fields]
+        swing[count] = np.mean([run.amplitude_out_of_plane[400:].std("time")[:3] for run in runs], axis=0)
+    n, length, omega = np.arange(1, 3000) / 600.0, 61.2, math.pi / 61.2 * math.sqrt(22000.0)
+    place, fine = np.linspace(0.0, 1.0, 9), np.linspace(0.0, 1.0, 161)
+    between = np.array([np.interp(fine, place, row) for row in np.eye(9)])
+    decay = length * math.hypot(10.0 * 57.7 / length, 16.0 * 20.4 / length) / 25.0
+    spectrum = (1.0 + 50.0 * n * 30.0 / 25.0) ** (-5 / 3)
+    expected = []
+    for mode in (1, 2, 3):
+        shape, squares = np.sin(mode * math.pi * fine), []
+        for at, weights in ((place, between @ shape), (fine, shape)):
+            apart = decay * np.abs(at[:, None] - at)
+            loads = spectrum * [weights @ np.exp(-frequency * apart) @ weights for frequency in n]
+            waves = 2.0 * math.pi * n
+            response = ((mode * omega) ** 2 - waves**2) ** 2 + (AIR * DRAG * 0.016 * 25.0 * waves) ** 2
+            squares.append((loads / response).sum())
+        expected.append(math.sqrt(squares[0] / squares[1]))
+    assert expected == pytest.approx([1.04, 1.30, 1.35], abs=0.01)
+    np.testing.assert_allclose(swing[9] / swing[161], expected, rtol=0.05)  # three standard deviations of 14 seeds
+
+
 def gusty(**tables):
     return cp.make_scene(
         {
