@@ -124,7 +124,8 @@ def _of_line(given: Any, line: int, ends: np.ndarray, key: str, name: str) -> An
         sigma = np.clip(from_end @ reach / length**2, 0.0, 1.0)
         distance = np.linalg.norm(from_end - sigma[:, None] * reach, axis=1)
         chosen = np.flatnonzero(distance <= MAX_DISTANCE * length)
-        own = given.isel(point=chosen).assign_coords(relative_arc_length=("point", sigma[chosen]))
+        own = given.drop_vars("guy", errors="ignore").isel(point=chosen)
+        own = own.assign_coords(relative_arc_length=("point", sigma[chosen]))
     if not chosen.size:
         raise SceneError(
             f"{key}: given a field without a point on {name}; allowed: points on the mast and on the chord of each guy; "

@@ -199,6 +199,8 @@ def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, 
             raise SceneError(
                 f"{key}: given relative_arc_length outside of the cable; allowed: a number from 0 to 1 a point"
             )
+        if "guy" in given.variables and np.unique(given.variables["guy"].values).size > 1:
+            raise SceneError(f"{key}: given the field of a mast; allowed: one of a cable, or the points of one guy")
         near, distance = np.ones(sigma.size, dtype=bool), np.zeros(sigma.size)
     else:
         _check_variables(

@@ -11,8 +11,9 @@ from cablepod.wind._profile import mean_speed
 
 #: Von Karman's constant, as in the paper's sources of the spectra.
 KARMAN = 0.4
-#: Least height above the ground for spectra and coherence [m]; those of the boundary layer do not hold below.
-MIN_HEIGHT = 1.0
+#: Least height above the ground for spectra and coherence, in m and in roughness lengths; those of the boundary layer do not hold
+#: below, where points in a mean wind that vanishes would be coherent with those above, but not with each other.
+MIN_HEIGHT, MIN_ROUGHNESSES = 1.0, 1.5
 #: Standard deviation across over that along the wind of Davenport's spectrum, which has no formula across.
 DAVENPORT_ACROSS = 0.75
 
@@ -20,6 +21,11 @@ DAVENPORT_ACROSS = 0.75
 def friction_velocity(wind: Mapping[str, Any]) -> float:
     """Return u* [m/s] by the mean speed 10 m above the ground and the roughness length."""
     return KARMAN * float(mean_speed(wind, np.array(10.0))) / float(np.log(10.0 / float(wind["roughness_length"])))
+
+
+def height_in_layer(wind: Mapping[str, Any], height: np.ndarray) -> np.ndarray:
+    """Return heights above the ground for spectra and coherence [m]: the given ones, or the least."""
+    return np.maximum(height, max(MIN_HEIGHT, MIN_ROUGHNESSES * float(wind["roughness_length"])))
 
 
 def spectra(
@@ -44,7 +50,7 @@ def spectra(
     The spectrum of horizontal gustiness near the ground in high winds, Q. J. R. Meteorol. Soc. 87, 194 (1961); T. von Karman,
     Progress in the statistical theory of turbulence, PNAS 34, 530 (1948), isotropic.
     """
-    height = np.maximum(height, MIN_HEIGHT)[:, None]
+    height = height_in_layer(wind, height)[:, None]
     speed = np.maximum(mean_speed(wind, height), 1e-6 * float(wind["speed"]))
     name, n = str(turbulence["spectrum"]), np.asarray(frequency, dtype=float)[None, :]
     if name == "kaimal":

@@ -12,7 +12,7 @@ import numpy as np
 from cablepod.batch._blas import one_blas_thread
 from cablepod.errors import scene_error
 from cablepod.wind._profile import mean_speed
-from cablepod.wind._spectra import MIN_HEIGHT, spectra
+from cablepod.wind._spectra import height_in_layer, spectra
 
 #: Number of frequencies at which the coherence is factorised; between them factors are linear in the frequency.
 FACTORISED = 48
@@ -47,7 +47,7 @@ def gusts(
 
     harmonics = (count - 1) // 2
     frequency = np.arange(1, harmonics + 1) / (count * interval)
-    height = np.maximum(position[:, 1] - float(wind["ground"]), MIN_HEIGHT)
+    height = height_in_layer(wind, position[:, 1] - float(wind["ground"]))
     direction = direction_of(wind)
     along = position @ direction
     kept = len(position) * harmonics <= MAX_KEPT_PHASES

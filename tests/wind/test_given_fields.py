@@ -134,3 +134,11 @@ def test_positions_are_finite(mast):
         cp.SceneError, match=r"^wind: given a position that is not finite; allowed: finite positions \[m\]"
     ):
         simulate(scene, wind=field.assign(position=field.position.where(field.point != 3)))
+
+
+def test_a_cable_takes_the_field_of_one_guy_of_a_mast():
+    storm = cp.wind.field(small(windy))
+    scene = cp.make_scene({**SHORT, "wind": WIND})
+    with pytest.raises(cp.SceneError, match=r"^wind: given the field of a mast; allowed: .*the points of one guy"):
+        condensed(scene, storm)
+    condensed(scene, storm.isel(point=storm.guy == 2))
