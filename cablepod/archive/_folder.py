@@ -1,12 +1,16 @@
-"""The folder for the results of one study."""
+"""The folder for the files of one result: refused before anything runs, replaced when all files are written."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from cablepod._resources import defer_sigint
+from cablepod.archive._atomic import clear_abandoned, part_in, sync_folder
 from cablepod.errors import ArchiveError, shown
 
 
@@ -17,11 +21,10 @@ def path_of(path: Any, *, key: str = "path", allowed: str = "a path, as text or 
     return Path(path)
 
 
-def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str = "out") -> None:
-    """Create the folder for results; refuse one that is not writable or contains one of `files`, or remove these.
+def check_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str = "out") -> None:
+    """Create the folder for results; refuse one that is not writable or contains one of `files`.
 
-    A study need not write all of them: what it leaves out would be the result of another scene.  Messages name the argument
-    `key`.
+    Messages name the argument `key`.
 
     Raises
     ------
@@ -51,9 +54,50 @@ def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str
             "allowed: another folder, or overwrite=True to replace them"
         )
     for name in existing:
+        if (out / name).is_dir():
+            raise ArchiveError(f"{key}: given {out}, where {name} is a folder; allowed: another folder")
+
+
+@contextlib.contextmanager
+def new_results(out: Path, files: Iterable[str]) -> Iterator[Path]:
+    """Provide the folder for the files of a new result, which replace those of an old one in `out` when all are written.
+
+    A study need not write all of `files`: what it leaves out would be the result of another scene, and is removed then.  Until
+    then an old result remains as it is, also after an error, and if the process is killed.  Without one the folder is `out`
+    itself, where each file is as soon as it is written.
+
+    Raises
+    ------
+    ArchiveError
+        If a file cannot be written or replaced.
+    """
+    old = {name for name in files if os.path.lexists(out / name)}
+    if not old:
+        yield out
+        return
+    clear_abandoned(out)
+    part = part_in(out)
+    try:
+        part.mkdir()
+        yield part
+        with defer_sigint():
+            _move(part, out, old)
+    except ArchiveError as error:
+        error.args = (str(error).replace(str(part), str(out)),)
+        raise
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _move(part: Path, out: Path, old: set[str]) -> None:
+    """Move all files of a folder into another one, and remove the old ones there that are not replaced."""
+    new = {path.name for path in part.iterdir()}
+    for name in sorted(new | old):
         try:
-            (out / name).unlink()
+            if name in new:
+                os.replace(part / name, out / name)
+            else:
+                (out / name).unlink(missing_ok=True)
         except OSError as error:
-            raise ArchiveError(
-                f"{key}: given {out}, where {name} cannot be removed: {error.strerror}; allowed: a folder"
-            ) from None
+            raise ArchiveError(f"{out / name}: cannot be replaced: {error.strerror}; give another folder") from error
+    sync_folder(out)

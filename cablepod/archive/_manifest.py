@@ -22,6 +22,10 @@ from cablepod.conventions import printed
 from cablepod.errors import ArchiveError, printable
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
+#: Files of the command in the folder: largest values of all members as a table and as a picture.
+MAPS = ("map.csv", "map.png")
+#: Folders in that of an ensemble: of another one that is to replace it, until all its members are done, and while it does.
+REPLACEMENT, COMPLETE = ".cablepod-replacement", ".cablepod-complete"
 KIND = "cablepod ensemble"
 #: Attributes specific to one batch; other text attributes, if equal in all batches, become attributes of the ensemble.
 BATCH_ATTRIBUTES = ("id", "history", "history_json", "title", "date_created", "source", "summary")
@@ -51,6 +55,8 @@ def read_manifest(folder: Path, *, verify: bool = True) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     if not path.is_file():
+        if (folder / COMPLETE).exists():
+            raise ArchiveError(f"{folder}: is being replaced; run its ensemble again, which completes that")
         problem = f"has no {MANIFEST}, so it is no ensemble" if folder.is_dir() else "is no folder"
         raise ArchiveError(f"{folder}: {problem}; give the folder of an ensemble.run")
     try:
@@ -271,6 +277,8 @@ def _description(folder: Path, brief: bool, *, verify: bool) -> Iterator[str]:
     yield f"options   {options[:300] or 'defaults'}"
     yield f"members   {manifest['members']} in {len(sizes)} files of {manifest['batch']}"
     yield f"done      {done}" + ("" if done == manifest["members"] else "; the same command or call goes on")
+    if (folder / REPLACEMENT).exists():
+        yield "replaced  not yet: the run of another ensemble, with overwrite=True or --overwrite, is not complete"
     missing = [number for number in manifest["done"] if int(number) not in existing]
     if missing:
         yield f"missing   {', '.join(file_of(int(number)) for number in missing[:10])}"

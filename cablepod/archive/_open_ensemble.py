@@ -19,6 +19,7 @@ from cablepod.archive._folder import path_of
 from cablepod.archive._manifest import (
     FAILURE,
     SCENES,
+    batch_id,
     check_batch,
     faults_text,
     file_of,
@@ -28,6 +29,7 @@ from cablepod.archive._manifest import (
     sizes_of,
 )
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, read, restored
+from cablepod.archive._seal import seal_of
 from cablepod.batch._stack import is_varied
 from cablepod.errors import ArchiveError
 
@@ -39,6 +41,8 @@ CHUNK = 1 << 26
 class _ChunkReader:
     """Reader of one variable, called by dask for each chunk."""
 
+    ensemble: str  #: its id
+    numbers: tuple[int, ...]  #: of the batches
     files: tuple[str, ...]
     sizes: tuple[int, ...]  #: members in each file
     name: str
@@ -52,13 +56,17 @@ class _ChunkReader:
         import netCDF4
         from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
-        path = Path(self.files[block_id[0]])
+        path, number = Path(self.files[block_id[0]]), self.numbers[block_id[0]]
         count, shape, times = self.sizes[block_id[0]], list(self.shape), slice(None)
         if self.time is not None:
             first = sum(self.lengths[: block_id[self.time]])
             times = slice(first, first + self.lengths[block_id[self.time]])
             shape[self.time - 1] = self.lengths[block_id[self.time]]
         try:
+            if (seal := seal_of(path)) is not None and seal.id != batch_id(self.ensemble, number):
+                raise ArchiveError(
+                    f"{path}: is not batch {number} of the ensemble {self.ensemble}, which was replaced; open it again"
+                )
             by_blocks = self.verify and not check_bytes(path, whole=False)
             with netcdf_lock(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
                 file.set_auto_maskandscale(False)
@@ -262,7 +270,18 @@ class _EnsembleAssembler:
         if time is not None:
             chunks[time] = lengths
         files = tuple(str(self.folder.resolve() / file_of(number)) for number in self.entries)
-        reader = _ChunkReader(files, tuple(self.sizes), name, shape, dtype, time, lengths, self.verify)
+        reader = _ChunkReader(
+            self.manifest["id"],
+            tuple(self.entries),
+            files,
+            tuple(self.sizes),
+            name,
+            shape,
+            dtype,
+            time,
+            lengths,
+            self.verify,
+        )
         stamp = hashlib.sha256(repr((files, self.sizes, self.manifest["id"], self.verify)).encode()).hexdigest()[:16]
         return dask.array.map_blocks(
             reader, chunks=tuple(chunks), dtype=dtype, meta=np.empty((0,) * len(chunks), dtype), name=f"{name}-{stamp}"

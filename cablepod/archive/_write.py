@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +12,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK, NetCDF4DataStore
 
 from cablepod._inputs import ANY, taken
 from cablepod._resources import defer_sigint_during_dask
-from cablepod.archive._atomic import atomic_file
+from cablepod.archive._atomic import atomic_file, not_written
 from cablepod.archive._attributes import with_file_attributes
 from cablepod.archive._checksums import chunk_shape
 from cablepod.archive._folder import path_of
@@ -96,7 +94,7 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
-        raise ArchiveError(f"{path}: not written, nothing is left behind: {reason(error, path.parent)}") from error
+        raise not_written(path, error) from error
     return path
 
 
@@ -184,13 +182,3 @@ def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
             f"{owner}: attribute {name!r} is {value!r}, but a file stores only strings, numbers and lists of one of "
             "them; leave it out, or make it a variable"
         )
-
-
-def reason(error: BaseException, folder: Path) -> str:
-    """Return the reason of a failed write in a folder, with a remedy."""
-    # on a full disk the library reports "HDF error", or "Permission denied" when it opens the file
-    full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
-    if full or "HDF error" in str(error):
-        free = shutil.disk_usage(folder).free / 1e6
-        return f"{error}; is the disk full? {free:.1f} MB are free in {folder}; make room, or give another path"
-    return f"{str(error) or type(error).__name__}; try another path or folder"

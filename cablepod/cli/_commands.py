@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from cablepod import archive, study
-from cablepod.archive._folder import prepare_folder
+from cablepod.archive._folder import check_folder
 from cablepod.archive._write import check_target
 from cablepod.cli import (
     _arguments,
@@ -36,7 +36,7 @@ from cablepod.study._modes import RANK, make_modes
 
 SCENE = click.argument("scene", metavar="SCENE.toml", shell_complete=_arguments.complete_scene)
 NEW_FOLDER = _arguments.folder_option("folder for netCDF files and figures; made if missing", required=True)
-REPLACE = _arguments.overwrite_option("replace results that are already in DIR")
+REPLACE = _arguments.overwrite_option("replace results that are already in DIR, when all new ones are there")
 NO_VERIFY = click.option(
     "--no-verify", "verify", flag_value=False, default=True,
     help="take files as they are that were changed since they were written",
@@ -89,14 +89,14 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, page: st
 @click.option(
     "--small", is_flag=True, help="a trial, in a quarter of the time: fewer modes, routes, tensions and stiffnesses"
 )
-@_arguments.overwrite_option("replace a report that is already in DIR")
+@_arguments.overwrite_option("replace a report that is already in DIR, when the new one is there")
 def paper_command(out: str, small: bool, overwrite: bool) -> None:
     """Write the report on the paper, print its summary."""
     _group.import_matplotlib()
     from cablepod.paper import report, sections
 
     folder = _arguments.folder(out)
-    prepare_folder(folder, report.FILES, overwrite=overwrite, key="--out")
+    check_folder(folder, report.FILES, overwrite=overwrite, key="--out")
     with telling_of_compilation(), Bars() as bars:
         size = sections.SMALL if small else sections.FULL
         _, rows = report.write(folder, size=size, progress=partial(bars, "the paper"))
@@ -154,7 +154,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 @click.option("--batch", type=int, default=64, metavar="COUNT", help="members in a file (default 64)")
 @click.option("--hertz", is_flag=True, help="draw the map over frequencies in Hz")
 @_page.OPTION
-@_arguments.overwrite_option("replace another ensemble in DIR, and damaged files")
+@_arguments.overwrite_option("replace another ensemble in DIR, when all members are done, and damaged files at once")
 @NO_VERIFY
 def ensemble_command(**options: Any) -> None:
     """Simulate all members of a scene."""

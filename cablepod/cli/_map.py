@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod.archive._atomic import atomic_file
 from cablepod.archive._figure import write_figure
-from cablepod.archive._manifest import read_manifest, time_errors
+from cablepod.archive._folder import new_results
+from cablepod.archive._manifest import MAPS, read_manifest, time_errors
+from cablepod.archive._table import write_table
 from cablepod.batch._stack import is_varied
 from cablepod.errors import SceneError
 from cablepod.integrate._peak_error import MAX_PEAK_ERROR, along_members, peak_errors, slack_members
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
-TABLE, PICTURE = "map.csv", "map.png"
+TABLE, PICTURE = MAPS
 #: Variable that a map needs, output that gives it, and variable of the picture.
 OF_CABLE = ("tension_maximum", "tension_extremes", "tension_maximum")
 OF_MAST = ("displacement_maximum", "extremes", "guy_tension_maximum")
@@ -62,15 +63,19 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
         Draw angular frequencies in Hz.
     """
     manifest = read_manifest(folder)
-    for name in (TABLE, PICTURE):  # of another ensemble
-        (folder / name).unlink(missing_ok=True)
+    with new_results(folder, MAPS) as new:
+        return _write(new, folder, results, manifest, hertz=hertz)
+
+
+def _write(new: Path, folder: Path, results: xr.Dataset, manifest: Mapping[str, Any], *, hertz: bool) -> str:
+    """Write the files into a folder `new`, from which they come into `folder`."""
     needed, output, drawn = OF_MAST if manifest["model"] == "mast" else OF_CABLE
     if needed not in results:
         return f'map       none, as "{output}" is not among the outputs'
     parameters = list(manifest["varied"])
     parameters = [name for name in parameters if name in results.coords and is_varied(results[name].variable)]
     results = results[[*(name for name in READ if name in results), *parameters]].load()
-    _write_table(folder / TABLE, results, parameters)
+    _write_table(new / TABLE, results, parameters)
     numbers = [name for name in parameters if _is_number(results[name])]
     if len(numbers) != 2:
         others = len(parameters) - len(numbers)
@@ -79,7 +84,7 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
     if drawn not in results:
         return f"map       {folder / TABLE}; no picture of tensions: the mast has no guys"
     try:
-        _draw(folder / PICTURE, results, drawn, *numbers, hertz=hertz)
+        _draw(new / PICTURE, results, drawn, *numbers, hertz=hertz)
     except SceneError as error:  # members that share both parameters
         return f"map       {folder / TABLE}; no picture: {error}"
     return f"map       {folder / PICTURE}, {folder / TABLE}"
@@ -112,12 +117,8 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
     of_peak = peak_errors(results)
     if np.isfinite(of_peak).any():
         columns["time error of the largest tension [1]"] = of_peak
-    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["member", *columns, "note"])
-        rows = zip(results["member"].values.tolist(), *columns.values(), _notes(results), strict=True)
-        for number, *values, note in rows:
-            writer.writerow([number, *(value if isinstance(value, str) else f"{value:.10g}" for value in values), note])
+    columns = {"member": results["member"].values.tolist(), **columns, "note": _notes(results)}
+    write_table(path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)])
 
 
 def _columns_of_masts(results: xr.Dataset) -> dict[str, np.ndarray]:

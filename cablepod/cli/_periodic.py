@@ -17,7 +17,7 @@ import xarray as xr
 
 from cablepod import archive
 from cablepod.archive._figure import write_figure
-from cablepod.archive._folder import prepare_folder
+from cablepod.archive._folder import check_folder, new_results
 from cablepod.cli import _arguments, _group, _process
 from cablepod.cli._group import say
 from cablepod.cli._progress import Bars
@@ -55,7 +55,7 @@ def respond(
 
     of_tension = partial(plots.frequency_response, variable="tension_maximum", hertz=hertz)
     drawings = (partial(plots.frequency_response, hertz=hertz), of_tension, plots.multipliers)
-    _write(folder, files, (result, chosen), drawings, _response_table(result, hertz), overwrite=overwrite)
+    _write(folder, files, (result, chosen), drawings, _response_table(result, hertz))
     return status
 
 
@@ -85,7 +85,7 @@ def tongues(
         result, status = _kept(partial(compute, progress=partial(bars, "stability map")))
     draw = partial(plots.stability_map, hertz=hertz)
     drawings = draw, partial(draw, variable="response")
-    _write(folder, files, (result, chosen), drawings, _map_table(result, hertz), overwrite=overwrite)
+    _write(folder, files, (result, chosen), drawings, _map_table(result, hertz))
     return status
 
 
@@ -110,7 +110,7 @@ def _prepared(
     dataset = _without_ramps(scene_path(scene))
     periodic_forcing(parameters(dataset))  # refuses other forcing
     chosen = archive.read(modes, verify=verify) if modes else condensed.vibration_modes(dataset, rank=rank)
-    prepare_folder(folder, files, overwrite=overwrite, key="--out")
+    check_folder(folder, files, overwrite=overwrite, key="--out")
     return folder, dataset, chosen
 
 
@@ -151,15 +151,23 @@ def _saying_of_damping(scene: xr.Dataset) -> Iterator[None]:
 
 
 def _write(
-    folder: Path, files: tuple[str, ...], datasets: Sequence[xr.Dataset], drawings: Sequence[Any], table: str, *,
-    overwrite: bool,
-) -> None:  # fmt: skip
-    """Write Datasets and figures of the first one into the files, print a table and what was written."""
+    folder: Path, files: Sequence[str], datasets: Sequence[xr.Dataset], drawings: Sequence[Any], table: str
+) -> None:
+    """Write Datasets and figures of the first one into the files, print a table and what was written.
+
+    Beside an older result, which it does not replace, one that was interrupted has a file of another name, without figures.
+    """
+    incomplete = files[0].replace(".nc", "_incomplete.nc")
+    replaced: Sequence[str] = (*files, incomplete)
+    if "incomplete" in datasets[0].attrs and (folder / files[0]).exists():
+        files, datasets, drawings = (incomplete,), datasets[:1], ()
+        replaced = files
     count = len(datasets)
-    for name, dataset in zip(files[:count], datasets, strict=True):
-        archive.write(dataset, folder / name, overwrite=overwrite)
-    for name, draw in zip(files[count:], drawings, strict=True):
-        write_figure(draw(datasets[0]).figure, folder / name, title=str(datasets[0].attrs["title"]))
+    with new_results(folder, replaced) as new:
+        for name, dataset in zip(files[:count], datasets, strict=True):
+            archive.write(dataset, new / name)
+        for name, draw in zip(files[count:], drawings, strict=True):
+            write_figure(draw(datasets[0]).figure, new / name, title=str(datasets[0].attrs["title"]))
     say(table)
     say(f"\n{folder}: {', '.join(files)}")
     sys.stdout.flush()  # not at the end after a signal

@@ -12,7 +12,7 @@ import xarray as xr
 
 from cablepod import archive
 from cablepod.archive._figure import write_figure
-from cablepod.archive._folder import prepare_folder
+from cablepod.archive._folder import check_folder, new_results
 from cablepod.cli import _arguments, _group, _page
 from cablepod.cli._group import say
 from cablepod.errors import SceneError, named
@@ -46,7 +46,7 @@ def stringing(
     target, folder = _page.checked(page), None
     if out is not None:
         folder = _arguments.folder(out)
-        prepare_folder(folder, (TABLE, *FIGURES), overwrite=overwrite, key="--out")
+        check_folder(folder, (TABLE, *FIGURES), overwrite=overwrite, key="--out")
     from cablepod import catenary  # its imports take a second
 
     with _page.heard() as notes:
@@ -54,20 +54,21 @@ def stringing(
     text = "\n".join(_lines(table))
     say(text)
     if folder is not None:
-        _write(table, folder, overwrite=overwrite)
+        _write(table, folder)
     written = _page.write(target, {"scene": dataset, "stringing": table}, text=text, notes=notes)
     if written:
         say(written)
 
 
-def _write(table: xr.Dataset, folder: Path, *, overwrite: bool) -> None:
+def _write(table: xr.Dataset, folder: Path) -> None:
     """Write a table and its figures into a folder, and say so."""
-    archive.write(table, folder / TABLE, overwrite=overwrite)
     from cablepod import plots
 
-    for name, variable in zip(FIGURES, ("tension_upper", "sag"), strict=True):
-        figure: Any = plots.stringing(table, variable=variable).figure
-        write_figure(figure, folder / name)
+    with new_results(folder, (TABLE, *FIGURES)) as new:
+        archive.write(table, new / TABLE)
+        for name, variable in zip(FIGURES, ("tension_upper", "sag"), strict=True):
+            figure: Any = plots.stringing(table, variable=variable).figure
+            write_figure(figure, new / name)
     say(f"\n{folder}: {TABLE}, {', '.join(FIGURES)}")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import time
 import uuid
 from collections.abc import Iterator, Mapping
@@ -19,11 +20,14 @@ from cablepod._models import model_of
 from cablepod._resources import check_sigint
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
-from cablepod.archive._folder import path_of, prepare_folder
+from cablepod.archive._folder import check_folder, path_of
 from cablepod.archive._manifest import (
+    COMPLETE,
     KIND,
     MANIFEST,
+    MAPS,
     MODES,
+    REPLACEMENT,
     SCENES,
     check_batch,
     faults_text,
@@ -35,7 +39,6 @@ from cablepod.archive._manifest import (
 )
 from cablepod.archive._read import version
 from cablepod.archive._seal import SCHEMA
-from cablepod.archive._write import reason
 from cablepod.batch._stack import is_varied
 from cablepod.ensemble._job import LOCK
 from cablepod.ensemble._models import accepted_time_error
@@ -86,12 +89,8 @@ class Store:
         ArchiveError
             If the file cannot be written.
         """
-        path = self.folder / MANIFEST
-        try:
-            with atomic_file(path) as part:
-                part.write_text(manifest_text(self.manifest), encoding="utf-8")
-        except OSError as error:
-            raise ArchiveError(f"{path}: not written: {reason(error, self.folder)}") from error
+        with atomic_file(self.folder / MANIFEST) as part:
+            part.write_text(manifest_text(self.manifest), encoding="utf-8")
         self.last_save = time.monotonic()
 
     def check(self, *, overwrite: bool) -> None:
@@ -130,6 +129,8 @@ def open_store(
 ) -> Iterator[Store]:
     """Open the folder of an ensemble for writing, with its lock; create it if missing.
 
+    Another ensemble there remains as it is until all members of this one are done, which are in a folder of their own until then.
+
     Parameters
     ----------
     path
@@ -152,16 +153,58 @@ def open_store(
         If the folder is not writable, in use, or holds another ensemble or damaged files.
     """
     folder = path_of(path).resolve()  # workers may have another working directory
-    prepare_folder(folder, (), overwrite=overwrite, key="path")
+    check_folder(folder, (), overwrite=overwrite, key="path")
     with _locked(folder) as token:
-        for part in folder.glob(".cablepod-*.part"):  # left by killed runs
-            part.unlink(missing_ok=True)
-        manifest = _existing_manifest(folder, plan, overwrite=overwrite)
-        _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
-        store = Store(folder, manifest or _new_manifest(folder, plan, inputs), token)
-        store.check(overwrite=overwrite)
-        store.save()
-        yield store
+        _complete_replacement(folder)  # during which a run was killed
+        if not _holds_another(folder, plan, overwrite=overwrite):
+            yield _opened(folder, token, plan, inputs, overwrite=overwrite)
+            return
+        new = folder / REPLACEMENT
+        if not _has_manifest_of(new, plan):
+            _remove(new)
+        new.mkdir(exist_ok=True)
+        with _locked(new) as token:
+            yield _opened(new, token, plan, inputs, overwrite=overwrite)
+        new.rename(folder / COMPLETE)
+        _complete_replacement(folder)
+
+
+def _opened(
+    folder: Path, token: str, plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset], *, overwrite: bool
+) -> Store:
+    """Return the store of a folder that is locked and holds no other ensemble."""
+    for part in folder.glob(".cablepod-*.part"):  # left by killed runs
+        _remove(part)
+    manifest = read_manifest(folder) if _has_manifest_of(folder, plan) else None
+    _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
+    store = Store(folder, manifest or _new_manifest(folder, plan, inputs), token)
+    store.check(overwrite=overwrite)
+    store.save()
+    return store
+
+
+def _complete_replacement(folder: Path) -> None:
+    """Put the files of a complete ensemble in place of those of another one, or go on with that."""
+    new = folder / COMPLETE
+    if (new / MANIFEST).exists():  # moved last
+        (folder / MANIFEST).unlink(missing_ok=True)  # first: without it, remaining files belong to no ensemble
+        manifest = read_manifest(new)
+        kept = {SCENES, *([MODES] if manifest["modes"] else []), *map(file_of, range(len(sizes_of(manifest))))}
+        for path in [*_files_of_ensemble(folder), *(folder / name for name in MAPS)]:
+            if path.name not in kept:
+                path.unlink(missing_ok=True)
+        for path in _files_of_ensemble(new):
+            path.replace(folder / path.name)
+        (new / MANIFEST).replace(folder / MANIFEST)
+    _remove(new)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def plan_of(
@@ -224,41 +267,47 @@ def _locked(folder: Path) -> Iterator[str]:
         yield token
 
 
-def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[str, Any] | None:
-    """Return the manifest of this ensemble, if any; refuse or remove the files of another one."""
-    files = [*folder.glob("batch_*.nc"), *(folder / name for name in (SCENES, MODES) if (folder / name).exists())]
-    if (folder / MANIFEST).exists():
-        try:
-            manifest = read_manifest(folder)
-        except ArchiveError:
-            if not overwrite:
-                raise
-            manifest = {"id": None}
-        if manifest["id"] == plan["id"]:
-            return manifest
-        if not overwrite:
+def _files_of_ensemble(folder: Path) -> list[Path]:
+    """Return the files of batches, scenes and modes."""
+    return [*folder.glob("batch_*.nc"), *(folder / name for name in (SCENES, MODES) if (folder / name).exists())]
+
+
+def _has_manifest_of(folder: Path, plan: Mapping[str, Any]) -> bool:
+    """Tell whether a folder has the manifest of this ensemble."""
+    with contextlib.suppress(ArchiveError):
+        return bool(read_manifest(folder)["id"] == plan["id"])
+    return False
+
+
+def _holds_another(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> bool:
+    """Tell whether a folder holds another ensemble, which is to be replaced; refuse it without `overwrite`."""
+    if (folder / MANIFEST).exists() and not overwrite:
+        manifest = read_manifest(folder)
+        if manifest["id"] != plan["id"]:
             raise ArchiveError(
                 f"{folder}: holds another ensemble: {'; '.join(_differences(manifest, plan))}; allowed: the same again, another "
                 "folder, or overwrite=True to replace it"
             )
-    elif files and not overwrite and not _has_only_inputs(folder, plan):
+    if _has_manifest_of(folder, plan) or _has_files_of(folder, plan):
+        return False
+    files = _files_of_ensemble(folder)
+    if files and not overwrite:
         names = ", ".join(sorted(path.name for path in files)[:3])
         raise ArchiveError(
             f"{folder}: holds {names} but no {MANIFEST}; give another folder, or overwrite=True to replace them"
         )
-    if overwrite:
-        (folder / MANIFEST).unlink(missing_ok=True)  # first: without it, remaining files belong to no ensemble
-        for path in files:
-            path.unlink()
-    return None
+    return bool(files) or (folder / MANIFEST).exists()
 
 
-def _has_only_inputs(folder: Path, plan: Mapping[str, Any]) -> bool:
-    """Tell whether the folder holds these scenes and no batch, as after a crash before the first manifest."""
-    if list(folder.glob("batch_*.nc")):
-        return False
+def _has_files_of(folder: Path, plan: Mapping[str, Any]) -> bool:
+    """Tell whether the folder holds these scenes and only batches of this ensemble, as without its manifest."""
     with contextlib.suppress(ArchiveError):
-        return archive.read(folder / SCENES).attrs["id"] == plan["scenes"].split()[0]
+        own = [number for number in range(len(sizes_of(plan))) if (folder / file_of(number)).exists()]
+        for number in own:
+            check_batch(folder, plan, number)
+        if len(own) < len(list(folder.glob("batch_*.nc"))):
+            return False
+        return bool(archive.read(folder / SCENES).attrs["id"] == plan["scenes"].split()[0])
     return False
 
 

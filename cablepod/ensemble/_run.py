@@ -79,7 +79,8 @@ def run(
     batch
         Number of members in a file; they are computed by one call.
     overwrite
-        Replace another ensemble in the folder, and damaged files; complete files of this ensemble are kept.
+        Replace another ensemble in the folder, which remains until all members of this one are done, and damaged files, which are
+        removed at once.  Complete files of this ensemble are kept.
     progress
         Callback receiving the completed fraction, 0 to 1.
     options

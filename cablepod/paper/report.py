@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import xarray as xr
 
 from cablepod import archive, provenance
 from cablepod.archive._figure import write_figure
+from cablepod.archive._folder import new_results
 from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
 from cablepod.paper.summary import HEAD, summary
 
@@ -26,7 +26,7 @@ FILES = (DATASET, PAGE, *(f"{name}.png" for name in FIGURES))
 def write(
     folder: Path, *, size: Size = FULL, progress: Callable[[float], None] | None = None
 ) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
-    """Compute all sections and write :data:`FILES` into a folder at the end, replacing existing ones.
+    """Compute all sections and write :data:`FILES` into a folder; existing ones are replaced at the end.
 
     Parameters
     ----------
@@ -42,17 +42,14 @@ def write(
     tuple
         The Dataset of all tables, ours and printed, and the rows of the summary.
     """
-    with tempfile.TemporaryDirectory(prefix=".cablepod-", dir=folder) as beside:
-        result, rows = _write(Path(beside), size, progress)
-        for name in FILES:  # at the end, so that an interrupted run leaves the previous report
-            (Path(beside) / name).replace(folder / name)
-    return result, rows
+    with new_results(folder, FILES) as new:
+        return _write(new, size, progress)
 
 
 def _write(
     folder: Path, size: Size, progress: Callable[[float], None] | None
 ) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
-    """Compute all sections and write the files into an empty folder."""
+    """Compute all sections and write the files into a folder that has none of them."""
     parts: list[Section] = []
     seconds: list[float] = []
     done = 0.0

@@ -14,7 +14,7 @@ import xarray as xr
 
 from cablepod import archive, mast, provenance
 from cablepod._inputs import check_units, taken
-from cablepod.archive._folder import path_of
+from cablepod.archive._folder import new_results, path_of
 from cablepod.errors import MemberFailedWarning, SceneError, scene_error, shown
 from cablepod.mast._runs import warn_of_late_breaks
 from cablepod.parameters._checks import integer, number, numbers_list
@@ -23,7 +23,7 @@ from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._warnings import without_warnings
 from cablepod.study._design_numbers import CABLE, MAST, joined, with_damage, with_peaks, with_rest
-from cablepod.study._design_tables import write_tables
+from cablepod.study._design_tables import TABLES, write_tables
 
 #: Files of a study in its folder: storms, result.
 STORMS, RESULT = "storms", "design.nc"
@@ -164,8 +164,9 @@ def design(
     }  # fmt: skip
     result = provenance.record(result, function="study.design", parameters=options, inputs=[scene])
     if folder is not None:
-        archive.write(result, folder / RESULT, overwrite=True)
-        write_tables(folder, result)
+        with new_results(folder, (RESULT, *TABLES)) as new:
+            archive.write(result, new / RESULT)
+            write_tables(new, result)
     return result
 
 

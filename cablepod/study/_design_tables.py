@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod.archive._atomic import atomic_file
+from cablepod.archive._table import write_table
 from cablepod.study._design_numbers import STATISTICS
 
+#: Files of the tables.
+TABLES = ("guys.csv", "heights.csv", "levels.csv", "foot.csv", "cases.csv")
 #: Numbers of a row, by heading.
 Row = dict[str, Any]
 
@@ -145,30 +145,16 @@ def slack_lines(case: xr.Dataset) -> str:
 
 
 def write_tables(folder: Path, result: xr.Dataset) -> None:
-    """Write the tables that a result has, in SI units; remove others, which are of another study."""
-    tables = {
-        "guys.csv": guy_rows(result), "heights.csv": height_rows(result), "levels.csv": level_rows(result),
-        "foot.csv": foot_rows(result), "cases.csv": case_rows(result),
-    }  # fmt: skip
-    for name, rows in tables.items():
-        (folder / name).unlink(missing_ok=True)
-        if rows:
-            _write(folder / name, rows)
+    """Write the tables that a result has, in SI units, into a folder without any of them."""
+    rows = (guy_rows(result), height_rows(result), level_rows(result), foot_rows(result), case_rows(result))
+    for name, of_table in zip(TABLES, rows, strict=True):
+        if of_table:
+            write_table(folder / name, of_table)
 
 
 def degrees(angle: float) -> float:
     """Return an angle [rad] in degrees from 0 to 360."""
     return round(math.degrees(angle), 6) % 360.0
-
-
-def _write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    headings = list(dict.fromkeys(heading for row in rows for heading in row))
-    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(headings)
-        for row in rows:
-            values = (row.get(heading, "") for heading in headings)
-            writer.writerow([f"{value:.10g}" if isinstance(value, float) else value for value in values])
 
 
 def _statistics(case: xr.Dataset, base: str, heading: str, unit: str) -> Row:

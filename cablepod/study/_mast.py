@@ -20,7 +20,7 @@ from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.parameters._parameters import ramp_of
 from cablepod.study._figures import write_drawings
 from cablepod.study._models import recorded
-from cablepod.study._stages import Stages, prepared_folder
+from cablepod.study._stages import stages_in
 from cablepod.study._tension import start_of_statistics
 from cablepod.study._timing import timed
 
@@ -53,21 +53,21 @@ def run_mast(
     if window is not None:
         options["window"] = window
     check_run(scene, **options)
-    stages = Stages(prepared_folder(out, overwrite=overwrite), progress, report)
-    if progress is not None:
-        progress("mast", 0.0)
-    stages.add("scene", scene)
-    rest = stages.add("rest", mast.rest(scene))
-    count = min(FREQUENCIES, 2 * int(scene["mast_elements"]))
-    stages.add("frequencies", mast.frequencies(scene, count=count))
-    # a storm takes long: it is not run again for its run time, of which compilation is left out
-    measure = partial(timed, longest_repeated=0.0)
-    motion, _ = stages.simulate("motion", "mast", measure, partial(mast.simulate, scene, **options))
-    if p.guys:
-        stages.add("guys", guy_table(motion, rest, window))
-    if stages.folder is not None:
-        _write_figures(stages.folder, stages.results)
-    return stages.tree()
+    with stages_in(out, overwrite=overwrite, progress=progress, report=report) as stages:
+        if progress is not None:
+            progress("mast", 0.0)
+        stages.add("scene", scene)
+        rest = stages.add("rest", mast.rest(scene))
+        count = min(FREQUENCIES, 2 * int(scene["mast_elements"]))
+        stages.add("frequencies", mast.frequencies(scene, count=count))
+        # a storm takes long: it is not run again for its run time, of which compilation is left out
+        measure = partial(timed, longest_repeated=0.0)
+        motion, _ = stages.simulate("motion", "mast", measure, partial(mast.simulate, scene, **options))
+        if p.guys:
+            stages.add("guys", guy_table(motion, rest, window))
+        if stages.folder is not None:
+            _write_figures(stages.folder, stages.results)
+        return stages.tree()
 
 
 def _after_ramps(p: MastParameters) -> tuple[float, float] | None:

@@ -22,7 +22,7 @@ from cablepod.scene._mast import scene_kind
 from cablepod.scene._warnings import warn_once
 from cablepod.study._figures import write_figures
 from cablepod.study._models import chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
-from cablepod.study._stages import Stages, prepared_folder
+from cablepod.study._stages import Stages, stages_in
 from cablepod.study._tension import tension_in_wind
 from cablepod.study._timing import timed
 
@@ -63,7 +63,7 @@ def run(
         both, with viscous links the Galerkin model.
     out
         Folder for a netCDF file of each stage, such as ``chain.nc``, and for figures; made if missing.  A file is written as soon
-        as its stage is done.  Without `out` nothing is written or drawn.
+        as its stage is done, beside older results in a hidden folder.  Without `out` nothing is written or drawn.
     ranks
         Of a cable: numbers of modes of each coordinate, a condensed and a Galerkin model for each.  At most 20 are computed,
         fewer from few links or snapshots; larger ranks are left out with a warning.
@@ -71,7 +71,7 @@ def run(
         Of a cable: reduced models by name, or models of your own as functions or "module:function", which have the option `rank`
         (see the page of :mod:`cablepod.ensemble`).
     overwrite
-        Replace results that are already in `out`.
+        Replace results that are already in `out`, when all new ones are written; they remain after an error.
     progress
         Called with a label, such as "chain" or "galerkin, r = 1: compiling, once", and the completed fraction, 0 to 1.
     report
@@ -128,47 +128,48 @@ def run(
     available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)
     ranks = _checked_ranks(ranks, available)
     chosen = _checked_models(models)
-    folder = prepared_folder(out, chosen, overwrite=overwrite)
-    stages = Stages(folder, progress, report)
-    stages.add("scene", scene)
-    numbers = stages.add("summary", summary(scene))
-    stages.add("catenary", catenary.rest(scene))
-    stages.add("chain_rest", chain.rest(scene))
-    report_at = _report_times(snapshots_at)
-    truth = partial(chain.simulate, scene, times=report_at, tolerance=TRUTH_TOLERANCE, outputs=OUTPUTS)
-    reference, seconds = stages.simulate("chain", "chain", partial(timed, longest_repeated=TRUTH_REPEATED), truth)
-    half = coarser_chain(scene, reference)
-    if half is not None:
-        stages.add("chain_half", half)
-    if p.wind is not None:
-        stages.add("tension", tension_in_wind(scene, reference, numbers, progress))
-    snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
-    modes = _modes(stages, snapshots, available, [name for name, model in chosen.items() if model.layout == "normal"])
-    ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
-    rows: dict[tuple[str, int], xr.Dataset] = {}
-    for name, model in chosen.items():
-        measure = partial(timed_twice, repeated=not model.own)
-        try:
-            basis = modes.get(model.layout or "")
-            for r in () if basis is None else ranks:
-                call = partial(model.simulate, scene, basis, rank=r, times=report_at)
-                reduced, row = stages.simulate(f"{name}_r{r}", f"{name}, r = {r}", measure, call)
-                rows[name, r] = with_row(compare.errors(reduced, reference), row)
-        except (SceneError, RunStopped) as error:  # the other models go on
-            stages.left_out.append(f"{name}: {error}")
-    if rows:
-        compared = [stages.results[f"{model}_r{r}"] for model, r in rows]
-        stages.add("comparison", recorded(table_of(rows), "comparison", [*compared, reference]))
-        chains = chains_of(scene, reference, seconds["call_time"], progress)
-        if chains is not None:
-            stages.add("chains", chains)
-    if folder is not None:
-        best = min(rows, key=lambda key: float(rows[key]["error_max"]), default=None)
-        drawn = None if best is None else stages.results[f"{best[0]}_r{best[1]}"]
-        errors = {f"{model}, r = {r}": row for (model, r), row in rows.items()}
-        ends, title = stages.results.get("tension"), str(scene.attrs["title"])
-        write_figures(folder, reference, stages.results["modes"], drawn, errors, ends=ends, title=title)
-    return stages.tree()
+    with stages_in(out, chosen, overwrite=overwrite, progress=progress, report=report) as stages:
+        stages.add("scene", scene)
+        numbers = stages.add("summary", summary(scene))
+        stages.add("catenary", catenary.rest(scene))
+        stages.add("chain_rest", chain.rest(scene))
+        report_at = _report_times(snapshots_at)
+        truth = partial(chain.simulate, scene, times=report_at, tolerance=TRUTH_TOLERANCE, outputs=OUTPUTS)
+        reference, seconds = stages.simulate("chain", "chain", partial(timed, longest_repeated=TRUTH_REPEATED), truth)
+        half = coarser_chain(scene, reference)
+        if half is not None:
+            stages.add("chain_half", half)
+        if p.wind is not None:
+            stages.add("tension", tension_in_wind(scene, reference, numbers, progress))
+        snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
+        modes = _modes(
+            stages, snapshots, available, [name for name, model in chosen.items() if model.layout == "normal"]
+        )
+        ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
+        rows: dict[tuple[str, int], xr.Dataset] = {}
+        for name, model in chosen.items():
+            measure = partial(timed_twice, repeated=not model.own)
+            try:
+                basis = modes.get(model.layout or "")
+                for r in () if basis is None else ranks:
+                    call = partial(model.simulate, scene, basis, rank=r, times=report_at)
+                    reduced, row = stages.simulate(f"{name}_r{r}", f"{name}, r = {r}", measure, call)
+                    rows[name, r] = with_row(compare.errors(reduced, reference), row)
+            except (SceneError, RunStopped) as error:  # the other models go on
+                stages.left_out.append(f"{name}: {error}")
+        if rows:
+            compared = [stages.results[f"{model}_r{r}"] for model, r in rows]
+            stages.add("comparison", recorded(table_of(rows), "comparison", [*compared, reference]))
+            chains = chains_of(scene, reference, seconds["call_time"], progress)
+            if chains is not None:
+                stages.add("chains", chains)
+        if stages.folder is not None:
+            best = min(rows, key=lambda key: float(rows[key]["error_max"]), default=None)
+            drawn = None if best is None else stages.results[f"{best[0]}_r{best[1]}"]
+            errors = {f"{model}, r = {r}": row for (model, r), row in rows.items()}
+            ends, title = stages.results.get("tension"), str(scene.attrs["title"])
+            write_figures(stages.folder, reference, stages.results["modes"], drawn, errors, ends=ends, title=title)
+        return stages.tree()
 
 
 def _modes(stages: Stages, snapshots: xr.Dataset, rank: int, normal: list[str]) -> dict[str, xr.Dataset]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ import xarray as xr
 
 from cablepod import archive
 from cablepod._models import REDUCED
-from cablepod.archive._folder import prepare_folder
+from cablepod.archive._folder import check_folder, new_results
 from cablepod.errors import RunStopped
 from cablepod.study._figures import FIGURES, MAST_FIGURES, check_backend
 from cablepod.study._notes import OnceEach
@@ -26,32 +27,6 @@ STAGES = (
 MAST_STAGES = ("scene", "rest", "frequencies", "motion", "guys")
 #: Runs of which a part is written where they stop.
 MAY_STOP = ("chain", "motion")
-
-
-def prepared_folder(out: str | os.PathLike[str] | None, models: Iterable[str] = (), *, overwrite: bool) -> Path | None:
-    """Return the folder of a study, without files of another one of any scene; None without.
-
-    Parameters
-    ----------
-    out, overwrite
-        As of :func:`cablepod.study.run`.
-    models
-        Names of the reduced models.
-
-    Raises
-    ------
-    ArchiveError
-        If it cannot be made or written, or holds files of a study and `overwrite` is false.
-    """
-    if out is None:
-        return None
-    check_backend()
-    folder = Path(out)
-    stages = [*STAGES, *MAST_STAGES, *(f"{name}_incomplete" for name in MAY_STOP)]
-    of_models = [path.name for name in (*REDUCED, *models) for path in folder.glob(f"{name}_r*.nc")]
-    files = [*(f"{name}.nc" for name in stages), *(f"{name}.png" for name in (*FIGURES, *MAST_FIGURES)), *of_models]
-    prepare_folder(folder, list(dict.fromkeys(files)), overwrite=overwrite)
-    return folder
 
 
 @dataclass(frozen=True)
@@ -116,3 +91,46 @@ class Stages:
             }
         )
         return xr.DataTree.from_dict({"/": root, **self.results}, name="study")
+
+
+@contextmanager
+def stages_in(
+    out: str | os.PathLike[str] | None,
+    models: Iterable[str] = (),
+    *,
+    overwrite: bool,
+    progress: Callable[[str, float], None] | None,
+    report: Callable[[str, xr.Dataset], None] | None,
+) -> Iterator[Stages]:
+    """Provide the stages of a study, whose files replace all those of an old one of any scene when the block ends.
+
+    Parameters
+    ----------
+    out, overwrite, progress, report
+        As of :func:`cablepod.study.run`.
+    models
+        Names of the reduced models.
+
+    Raises
+    ------
+    ArchiveError
+        If the folder cannot be made or written, or holds files of a study and `overwrite` is false.
+    """
+    if out is None:
+        yield Stages(None, progress, report)
+        return
+    check_backend()
+    path = Path(out)
+    stages = [*STAGES, *MAST_STAGES, *(f"{name}_incomplete" for name in MAY_STOP)]
+    of_models = [file.name for name in (*REDUCED, *models) for file in path.glob(f"{name}_r*.nc")]
+    figures = [f"{name}.png" for name in dict.fromkeys((*FIGURES, *MAST_FIGURES))]
+    files = [*(f"{name}.nc" for name in dict.fromkeys(stages)), *figures, *of_models]
+    check_folder(path, files, overwrite=overwrite)
+    with new_results(path, files) as folder:
+        try:
+            yield Stages(folder, progress, report)
+        except RunStopped:  # what it computed is kept, beside an old study
+            for name in MAY_STOP:
+                for file in folder.glob(f"{name}_incomplete.nc"):
+                    file.replace(path / file.name)
+            raise

@@ -131,7 +131,8 @@ def test_a_full_disk_is_a_clear_error_and_leaves_nothing(tmp_path):
 )
 def test_no_space_is_a_clear_error(error, tmp_path, monkeypatch):
     fail_in_the_library(monkeypatch, error)
-    with pytest.raises(ArchiveError, match=re.escape(f"nothing is left behind: {error}; is the disk full? ")):
+    said = getattr(error, "strerror", None) or error
+    with pytest.raises(ArchiveError, match=re.escape(f"nothing is left behind: {said}; is the disk full? ")):
         write(make_scene(), tmp_path / "it.nc")
     assert list(tmp_path.iterdir()) == []
 

@@ -146,6 +146,13 @@ def test_ctrl_c_leaves_what_was_computed(command, guy, tmp_path, capsys, monkeyp
     kept = cp.archive.read(out / name)
     assert kept.attrs["incomplete"] == 1
     assert len(list(out.iterdir())) > 3  # figures too
+    # beside an older one, which remains
+    old = {path: path.read_bytes() for path in out.iterdir()}
+    assert cli.main([command, guy, "--out", str(out), *arguments, "--overwrite"]) == 130
+    beside = out / name.replace(".nc", "_incomplete.nc")
+    assert set(out.iterdir()) == {*old, beside}
+    assert all(path.read_bytes() == content for path, content in old.items())
+    assert cp.archive.read(beside).attrs["incomplete"] == 1
 
 
 #: The command, which sends itself the signal while it works.

@@ -8,7 +8,9 @@ import shutil
 import signal
 import subprocess
 import time
+from contextlib import nullcontext as nothing
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,6 +233,86 @@ def test_another_ensemble_in_the_folder_is_refused_saying_what_differs(soft, tmp
     np.testing.assert_array_equal(replaced["position"], cp.chain.simulate(wider, step=1e-3)["position"])
     assert not np.array_equal(replaced["position"], first["position"])
     assert len(files(folder)) == 2
+
+
+def interrupted_after(fraction):
+    """A callback of the progress that presses Ctrl-C."""
+
+    def press(done):
+        if done >= fraction:
+            raise KeyboardInterrupt
+
+    return press
+
+
+def test_another_ensemble_remains_until_the_new_one_is_complete(soft, tmp_path, described):
+    folder, new = tmp_path / "it", scenes_of(soft, 4)
+    old = cp.ensemble.run(scenes_of(soft, 6), folder, batch=2, step=1e-3).compute()
+    (folder / "map.csv").write_text("of the old one")
+    options = {"batch": 1, "step": 2e-3, "workers": 1, "overwrite": True}
+    with pytest.raises(KeyboardInterrupt):
+        cp.ensemble.run(new, folder, **options, progress=interrupted_after(0.5))
+    xr.testing.assert_identical(cp.archive.open_ensemble(folder).compute(), old)
+    assert (folder / "map.csv").exists()
+    assert "replaced  not yet" in described(folder)
+    done = []
+    result = cp.ensemble.run(new, folder, **options, progress=done.append)
+    assert done[0] >= 0.25, "it began anew"
+    np.testing.assert_array_equal(result["position"], cp.chain.simulate(new, step=2e-3)["position"])
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        [".cablepod-lock", "manifest.json", "scenes.nc", *(f"batch_{number:04d}.nc" for number in range(4))]
+    )
+
+
+@pytest.mark.parametrize("steps", range(6))
+def test_a_replacement_that_is_stopped_midway_is_completed(soft, tmp_path, monkeypatch, steps):
+    """Three files, manifest and old ones are moved or removed one by one: the process may end between any two of them."""
+    folder, new = tmp_path / "it", scenes_of(soft, 2)
+    cp.ensemble.run(scenes_of(soft, 3), folder, batch=1, step=1e-3)
+    left = [steps]
+
+    def counted(call):
+        def move(path, *to, **options):
+            moved = ".cablepod-complete" in str(path) or path.parent == folder
+            if moved and path.exists() and not path.name.startswith("."):
+                if not left[0]:
+                    raise KeyboardInterrupt
+                left[0] -= 1
+            return call(path, *to, **options)
+
+        return move
+
+    for name in ("replace", "unlink"):
+        monkeypatch.setattr(Path, name, counted(getattr(Path, name)))
+    with pytest.raises(KeyboardInterrupt):
+        cp.ensemble.run(new, folder, batch=1, step=2e-3, overwrite=True)
+    monkeypatch.undo()
+    with pytest.raises(cp.ArchiveError, match="is being replaced; run its ensemble again") if steps else nothing():
+        cp.archive.open_ensemble(folder)
+    result = cp.ensemble.run(new, folder, batch=1, step=2e-3)
+    np.testing.assert_array_equal(result["position"], cp.chain.simulate(new, step=2e-3)["position"])
+    assert len(list(folder.iterdir())) == 5
+
+
+def test_what_was_opened_is_not_read_from_the_ensemble_that_replaced_it(soft, tmp_path):
+    folder = tmp_path / "it"
+    old = cp.ensemble.run(scenes_of(soft, 2), folder, step=1e-3)
+    cp.ensemble.run(scenes_of(soft, 2), folder, step=2e-3, overwrite=True)
+    with pytest.raises(cp.ArchiveError, match=r"batch_0000\.nc: is not batch 0 of the ensemble .* open it again"):
+        old["position"].compute()
+
+
+def test_files_without_their_manifest_are_known_by_their_ids(soft, tmp_path):
+    scenes, folder = scenes_of(soft, 6), tmp_path / "it"
+    whole = cp.ensemble.run(scenes, folder, batch=2, step=1e-3).compute()
+    kept = files(folder)
+    for damage, overwrite in ((None, False), ("{", True)):
+        (folder / "manifest.json").unlink()
+        if damage is not None:
+            (folder / "manifest.json").write_text(damage)
+        again = cp.ensemble.run(scenes, folder, batch=2, step=1e-3, overwrite=overwrite)
+        xr.testing.assert_equal(again.compute(), whole)
+        assert files(folder) == kept
 
 
 def test_files_of_somebody_else_are_left_alone(soft, tmp_path):

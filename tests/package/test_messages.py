@@ -46,8 +46,10 @@ EXCEPTIONS = {
     ("SceneError", "{str(error).replace("): "the chain's message, said of the cable",
     ("ArchiveError", "{path}: {error}"): "the file's name before a message of its contents",
     ("ArchiveError", "{path}: {folder} {problem}"): "`problem` ends with what to do, see the line above it",
-    ("ArchiveError", "{path}: not written, nothing is left behind: {reason("): "reason ends with what to do",
-    ("ArchiveError", "{path}: not written: {reason("): "the same",
+    (
+        "ArchiveError",
+        "{path}: not written, nothing is left behind: ",
+    ): "`remedy` ends with what to do, see the lines above it",
     ("ArchiveError", "{faults_text(faults)}"): "each fault ends with what to do",
     ("RunStopped", "{why}"): "the reason, told by the callers of stop or made just above",
     ("stop", "{why}"): "made just above, ends with what to try",

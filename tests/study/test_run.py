@@ -226,6 +226,25 @@ def test_nothing_of_another_scene_is_left_in_a_folder(soft, tmp_path):
     assert all(cp.archive.read(tmp_path / name) for name in found if name.endswith(".nc") and name != "of_a_user.nc")
 
 
+@pytest.mark.parametrize(
+    ("stopped", "left"), [(KeyboardInterrupt, []), (MemoryError, []), (cp.RunStopped, ["chain_incomplete.nc"])]
+)
+def test_an_old_study_remains_where_a_new_one_is_not_completed(soft, unstable, tmp_path, stopped, left):
+    old = {name: f"the old {name}" for name in ("scene.nc", "chain.nc", "modes.png", "galerkin_r1.nc")}
+    for name, content in old.items():
+        (tmp_path / name).write_text(content)
+
+    def stop(name, _):
+        if name == "modes":
+            raise stopped
+
+    scene = unstable if stopped is cp.RunStopped else cp.make_scene(soft)
+    with pytest.raises(stopped):
+        cp.study.run(scene, tmp_path, ranks=(1,), models=("condensed",), overwrite=True, report=stop)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*old, *left])
+    assert {name: (tmp_path / name).read_text() for name in old} == old
+
+
 def test_a_folder_that_cannot_be_is_refused(scene, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(cp.ArchiveError, match=r"out: given .*, which is or lies below a file; allowed: a folder"):
