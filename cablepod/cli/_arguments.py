@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,15 +34,18 @@ def ranks(text: str) -> list[int]:
     return ranks
 
 
-def model_option(text: str) -> tuple[str, Any]:
-    """Return name and value of one ``--option``."""
-    name, _, value = text.partition("=")
-    try:
-        return name.strip(), tomllib.loads(f"value = {value}")["value"]
-    except ValueError:
-        if value and name.strip():
-            return name.strip(), value  # unquoted text
-    raise SceneError(f"--option: given {text!r}; allowed: NAME=VALUE, such as step=1e-3")
+def model_options(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the values of all ``--option`` by name; the last one of a name counts."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not name or not value:
+            raise SceneError(f"--option: given {text!r}; allowed: NAME=VALUE, such as step=1e-3")
+        try:
+            found[name] = tomllib.loads(f"value = {value}")["value"]
+        except ValueError:
+            found[name] = value  # unquoted text
+    return found
 
 
 @contextmanager

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from inspect import signature
 from pathlib import Path
 
 import xarray as xr
 
 from cablepod import archive
 from cablepod._models import Model, model_of
+from cablepod.archive._folder import check_folder
 from cablepod.archive._manifest import MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.cli import _arguments, _group, _map, _page, _summary
 from cablepod.cli._group import say
@@ -35,7 +37,7 @@ def simulate(
 ) -> None:
     """Simulate all members of a scene, with the options of the command."""
     from cablepod import ensemble  # slow to import
-    from cablepod.ensemble._models import check_scene_of_model
+    from cablepod.ensemble._models import check_option_names, check_scene_of_model
 
     _group.import_matplotlib()
     folder = _arguments.folder(out)
@@ -45,6 +47,9 @@ def simulate(
     model = model or ("mast" if "mast_height" in dataset else "chain")
     chosen = model_of(model)
     check_scene_of_model(dataset, chosen)
+    given, of_run = _arguments.model_options(options), signature(ensemble.run).parameters
+    check_option_names(chosen, given, [name for name in chosen.options() if name not in of_run])
+    check_folder(folder, (), overwrite=overwrite, key="--out")  # before modes are made
     target = _page.checked(page)
     scenes = ensemble.design(dataset)
     say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
@@ -62,7 +67,7 @@ def simulate(
             batch=batch,
             overwrite=overwrite,
             progress=progress,
-            **dict(_arguments.model_option(text) for text in options),
+            **given,
         )
     peaks = "\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))])
     say(peaks)

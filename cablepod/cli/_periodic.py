@@ -23,6 +23,7 @@ from cablepod.cli._group import say
 from cablepod.cli._progress import Bars
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene_path
+from cablepod.parameters import _checks
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import nested
 from cablepod.scene._make import _make as make_scene
@@ -32,6 +33,8 @@ from cablepod.scene._read import read_scene
 RESPONSE, MODES, MAP = "frequency_response.nc", "modes.nc", "stability_map.nc"
 RESPONSE_FIGURES = ("frequency_response.png", "tension.png", "multipliers.png")
 MAP_FIGURES = ("growth.png", "response.png")
+#: Maximum number of frequencies, and of amplitudes, of a map: of more the table alone takes hours.
+MOST_POINTS = 10_000
 #: Number of vibration modes without a file of modes.
 RANK = 3
 
@@ -69,11 +72,8 @@ def tongues(
     _group.import_matplotlib()
     from cablepod import plots
 
-    if not amplitude > 0.0 or points < 2:
-        key, given, allowed = (
-            ("--amplitude", amplitude, "a number above 0") if points > 1 else ("--points", points, "at least 2")
-        )
-        raise SceneError(f"{key}: given {given}; allowed: {allowed}")
+    _checks.integer(least=2, most=MOST_POINTS)("--points", points)
+    _checks.number(above=0.0)("--amplitude", amplitude)
     files = MAP, MODES, *MAP_FIGURES
     folder, dataset, chosen = _prepared(scene, out, modes, rank, files, overwrite, verify)
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)

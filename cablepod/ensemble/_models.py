@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -44,12 +44,23 @@ def check_model(given: Any, modes: Any, options: Mapping[str, Any]) -> tuple[Mod
             "modes", modes, "the Dataset of modes of the guys, or none" if model.of_mast else "a Dataset of modes"
         )
     known = model.options()
-    for name in options:
-        if name not in known:
-            raise scene_error(f"option {name}", options[name], f'an option of model "{model.name}": {", ".join(known)}')
+    check_option_names(model, options, known)
     if known.get("outputs") and not model.of_mast and not model.own and options.get("quadrature") is None:
         known = {**known, "outputs": (*known["outputs"], "tension_extremes")}  # what an ensemble is mostly made for
     return model, {name: _to_json(name, options.get(name, default)) for name, default in known.items()}
+
+
+def check_option_names(model: Model, options: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse options that are none of the `known` ones of a model.
+
+    Raises
+    ------
+    SceneError
+        Names the option.
+    """
+    for name, value in options.items():
+        if name not in known:
+            raise scene_error(f"option {name}", value, f'an option of model "{model.name}": {", ".join(known)}')
 
 
 def check_scene_of_model(scenes: xr.Dataset, model: Model) -> None:

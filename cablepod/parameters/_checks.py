@@ -48,6 +48,8 @@ def number(
             if mistaken is not None and most < result < math.inf and result * mistaken[0] <= most:
                 remedy = f"; try: {result * mistaken[0]:.6g} (given in {mistaken[1]}?)"
             raise scene_error(key, value, allowed + remedy)
+        if isinstance(value, numbers.Integral) and int(value) != result:  # seeds that differ would become equal
+            raise scene_error(key, value, f"{allowed}, a whole one of at most 2**53 = {2**53}")
         if abs(result) > LARGEST or (above >= 0.0 and result < SMALLEST):
             raise scene_error(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
         return result

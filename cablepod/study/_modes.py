@@ -9,6 +9,7 @@ import xarray as xr
 from cablepod import chain, pod
 from cablepod.condensed import vibration_modes
 from cablepod.errors import one_of, scene_error
+from cablepod.parameters._checks import integer
 
 #: Layouts of modes that :func:`make_modes` makes.
 LAYOUTS = ("normal", "separate", "vector", "vibration")
@@ -37,6 +38,7 @@ def make_modes(
     """
     if layout not in LAYOUTS:
         raise scene_error("layout", layout, one_of(LAYOUTS, layout))
+    integer(least=1)("rank", rank)
     if layout == "vibration":
         return vibration_modes(scene, rank=rank)
     run = chain.simulate(scene, tolerance=TOLERANCE, outputs=("position",), progress=progress)

@@ -242,6 +242,21 @@ def test_modes_are_those_of_the_functions(scene_file, tmp_path, capsys, layout):
     assert "--overwrite" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (["modes", "--rank", "0"], "rank: given 0"),
+        (["ensemble", "--model", "galerkin", "--option", "stepp=1"], "option stepp: given 1"),
+        (["ensemble", "--model", "galerkin"], "--out: given "),
+    ],
+)
+def test_mistakes_are_told_before_modes_are_made(arguments, match, scene_file, refusal, monkeypatch):
+    monkeypatch.setattr(cp.chain, "simulate", None)  # it would not be callable
+    scene_file.write_text(SOFT_TOML + '[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0, 2]\n')
+    out = scene_file.parent / "modes.nc" if arguments[0] == "modes" else scene_file  # which is no folder
+    assert match in refusal(arguments[0], scene_file, "--out", out, *arguments[1:])
+
+
 def test_an_ensemble_makes_its_modes_and_goes_on_with_them(scene_file, tmp_path, capsys):
     ranges = '[ensemble]\nmembers = 5\nseed = 1\n[ensemble.ranges]\n"cable.top_tension" = [190.0, 210.0]\n'
     scene_file.write_text(SOFT_TOML + ranges)

@@ -109,6 +109,7 @@ def test_tongues_writes_a_map_with_given_modes(guy, tmp_path, capsys):
         (["tongues", "GUY", "--frequency", "4", "8", "--amplitude", "0"], "--amplitude: given 0.0"),
         (["tongues", "GUY", "--frequency", "8", "4", "--amplitude", "0.1"], "--frequency: given 8 4"),
         (["tongues", "GUY", "--frequency", "4", "8", "--amplitude", "0.1", "--points", "1"], "--points: given 1"),
+        (["tongues", "GUY", "--frequency", "4", "8", "--amplitude", "0.1", "--points", "9999999"], "--points: given 9"),
     ],
 )
 def test_refusals_are_one_line(arguments, match, guy, tmp_path, refusal):

@@ -82,12 +82,18 @@ def test_the_command_ends_with_a_map_and_the_largest_tension(tmp_path, capsys):
     assert not list(out.glob("map.*"))  # of the ensemble before
 
 
+#: Arguments of :func:`cablepod.ensemble.run` that are no options of a model.
+OF_RUN = ("scenes", "path", "model", "modes", "scheduler", "workers", "batch", "overwrite", "progress", "options")
+
+
 def test_the_command_refuses_in_one_line(tmp_path, capsys):
     scene = tmp_path / "study.toml"
     scene.write_text(SOFT_TOML)
     for extra, text in (
         ([], "ensemble: missing in"),
         (["--option", "step"], "--option: given 'step'; allowed: NAME=VALUE"),
+        (["--option", "=3"], "--option: given '=3'; allowed: NAME=VALUE"),
+        *((["--option", f"{name}=2"], f"option {name}: given 2; allowed: an option of model") for name in OF_RUN),
     ):
         assert cli.main(["ensemble", str(scene), "--out", str(tmp_path / "out"), *extra]) == 2
         said = capsys.readouterr()

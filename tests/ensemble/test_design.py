@@ -172,6 +172,7 @@ MISTAKES = [
     ({"gravity": [9, 9.4, 9.8]}, {"sampling": "grid"}, r"^members: given 10; allowed: 12 \(or 27\).*times 3 of its lists$"),
     ({"gravity": [9, 9, 9.8]}, {"sampling": "grid"}, r"^ranges\.gravity: given \[9, 9, 9\.8\]; allowed: different values"),
     ({"gravity": [9, 9.8]}, {"sampling": "list"}, r"^ranges\.cable\.top_tension: given .*; allowed: 10 values for sampling"),
+    ({"gravity": [2**60, 2**60 + 1]}, {}, r"^ranges\.gravity\[1\]: given 1152921504606846977; .* of at most 2\*\*53 = 9007"),
     ({"gravity": "all"}, {}, r"^ranges\.gravity: given 'all'; allowed: a list"),
     ({"cable.top_tensio": [1, 2]}, {}, r"^ranges\.cable\.top_tensio: unknown key path; allowed: the path of a number"),
     ({"cable_aera": [1, 2]}, {}, r"^ranges\.cable_aera: unknown key path; .*; try: cable\.area$"),

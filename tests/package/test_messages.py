@@ -58,6 +58,7 @@ EXCEPTIONS = {
     ("warn", "{warning.message}"): "given again as it is, where it is the first of its kind",
     ("warn", "{texts[0]}{more}"): "the warning of a member, and of how many more",
     ("call", "damaged(path, error)"): "a function that makes the message, which is collected there",
+    ("call", "not_written("): "a function that makes the message, which is collected there",
     ("call", "changed("): "a function that makes the message, which is collected there",
     ("call", "newer("): "a function that makes the message, which is collected there",
     ("call", "missing_file("): "a function that makes the message, which is collected there",
