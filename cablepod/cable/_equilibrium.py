@@ -7,22 +7,32 @@ import numpy as np
 from cablepod.cable._mesh import SpectralMesh
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._gll import gll_rule
+from cablepod.errors import SceneError
 
-#: Maximum number of Newton iterations, and growth of a correction at which they diverge.
-MAX_ITERATIONS, DIVERGING = 30, 1e3
-#: Last correction over the size of the cable; that which counts as rounding, at a higher level for a slack cable.
-NEWTON_RTOL, ROUNDING_RTOL = 1e-13, 1e-9
+#: Maximum number of Newton iterations.
+MAX_ITERATIONS = 30
+#: Last correction over the size of the cable; that below which one that grows is rounding.
+NEWTON_RTOL, ROUNDING_RTOL = 1e-13, 1e-11
 
 
-def solve_equilibrium(
-    mesh: SpectralMesh, position: np.ndarray, drag: np.ndarray | float = 0.0
-) -> tuple[np.ndarray, bool]:
+class TooFewElements(SceneError):
+    """Elements that do not follow the curvature of the cable at rest."""
+
+
+def solve_equilibrium(mesh: SpectralMesh, position: np.ndarray, drag: np.ndarray | float = 0.0) -> np.ndarray:
     """Solve for the equilibrium of the nodes (nodes, dims) [m] by Newton's method, starting at `position`.
 
     `drag` are further forces on the nodes (nodes, dims) [N].
 
-    Also returns whether Newton's method converged.  It fails if elements are too long, or if strains are below the rounding error
-    of positions (the inextensible limit); then `position` is returned unchanged.
+    The stiffness across the cable takes the tension of the iteration, which is an unknown of its own and starts at that of the
+    catenary, and not the tension of the shape (Magisano, Leonetti & Garcea, Int. J. Numer. Meth. Eng. 109, 1237, 2017).  The
+    nodes of the continuous cable are off by a strain that may be much more than that of a stiff cable at rest, so that by the
+    shape some places push and others pull with many times the tension.
+
+    Raises
+    ------
+    TooFewElements
+        Where Newton's method finds no equilibrium whose places are all taut.
     """
     from scipy.linalg import LinAlgError, solve_banded  # costly to import
 
@@ -31,30 +41,44 @@ def solve_equilibrium(
     dims, (rows, columns) = mesh.p.dims, _places(mesh)
     width, size = (mesh.order + 1) * dims - 1, position.size
     places = ((width + rows - columns) * size + columns).ravel()
-    norm, least = np.inf, np.inf
+    tension = max(float(mesh.statics[4:].mean()), float(np.abs(loads).sum()))
+    secant, last = np.full(mesh.length.size, tension), np.inf
     for _ in range(MAX_ITERATIONS):
-        band = np.bincount(places, _blocks(mesh, x).ravel(), (2 * width + 1) * size).reshape(-1, size)[:, dims:-dims]
-        right = (mesh.forces(x) + loads)[1:-1].ravel()
+        g = mesh.gradient(x)
+        stretch = np.sqrt(square(g))
+        of_shape, tangent = mesh.moduli(stretch)
+        blocks = _blocks(mesh, g, secant, tangent)
+        band = np.bincount(places, blocks.ravel(), (2 * width + 1) * size).reshape(-1, size)[:, dims:-dims]
+        right = (mesh.nodal_forces(of_shape[:, None] * g) + loads)[1:-1].ravel()
         try:
             correction = solve_banded((width, width), band, right, check_finite=False)
         except LinAlgError:
-            return position, False
+            break
         norm = float(np.abs(correction).max())
-        if not norm < DIVERGING * least:  # diverges, or nan
+        is_rounding = norm > last and last <= ROUNDING_RTOL * scale
+        if not is_rounding:
+            change = np.zeros(x.shape)
+            change[1:-1] = correction.reshape(-1, dims)
+            secant = of_shape + (tangent - of_shape) * np.sum(g * mesh.gradient(change), axis=-1) / stretch**2
+            x, last = x + change, norm
+        if is_rounding or norm <= NEWTON_RTOL * scale:
+            if secant.min() > 0.0:
+                return x
             break
-        x[1:-1] += correction.reshape(-1, dims)
-        if norm <= NEWTON_RTOL * scale:
+        if not norm < np.inf:
             break
-        least = min(least, norm)
-    converged = norm <= ROUNDING_RTOL * scale
-    return (x if converged else position), converged
+    raise TooFewElements(
+        f"elements: with {mesh.sizes.size} of order {mesh.order} no rest is found with all places taut; allowed: enough elements "
+        "for the curvature of the cable at rest"
+    )
 
 
 def tangent_stiffness(mesh: SpectralMesh, position: np.ndarray) -> np.ndarray:
-    """Return the tangent stiffness of the inner nodes (unknowns, unknowns) [N/m], node by node, at positions (nodes, dims)."""
+    """Return the tangent stiffness of the inner nodes (unknowns, unknowns) [N/m], node by node, at taut `position`."""
     dims, size, (rows, columns) = mesh.p.dims, position.size, _places(mesh)
-    places = (rows * size + columns).ravel()
-    full = np.bincount(places, _blocks(mesh, position).ravel(), size * size).reshape(size, size)
+    g = mesh.gradient(position)
+    blocks = _blocks(mesh, g, *mesh.moduli(np.sqrt(square(g))))
+    full = np.bincount((rows * size + columns).ravel(), blocks.ravel(), size * size).reshape(size, size)
     return full[dims:-dims, dims:-dims]
 
 
@@ -65,19 +89,14 @@ def _places(mesh: SpectralMesh) -> tuple[np.ndarray, np.ndarray]:
     return unknowns[:, :, None], unknowns[:, None, :]
 
 
-def _blocks(mesh: SpectralMesh, position: np.ndarray) -> np.ndarray:
-    """Return the tangent stiffness of each element [N/m], at positions (nodes, dims) [m]: entries in the order of the places.
+def _blocks(mesh: SpectralMesh, g: np.ndarray, secant: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+    """Return the tangent stiffness of each element [N/m], entries in the order of the places.
 
-    It is the integral of D_i D_j (T/xi (I - t t) + dT/dxi t t) with the derivatives D of the shapes of two nodes and t along the
-    cable; 0 where the cable is slack by the linear law.
+    It is the integral of D_i D_j (T/xi (I - t t) + dT/dxi t t) with the derivatives D of the shapes of two nodes, and with t
+    along the derivatives `g` of the position at the quadrature points (points, dims), T/xi and dT/dxi there (points,) [N].
     """
     d, dims = gll_rule(mesh.order)[2], mesh.p.dims
-    g = mesh.gradient(position)
-    stretch = np.sqrt(square(g))
-    secant, tangent = mesh.moduli(stretch)
-    if not mesh.green:
-        secant, tangent = np.where(stretch > 1.0, (secant, tangent), 0.0)
-    unit = g / stretch[:, None]
+    unit = g / np.sqrt(square(g))[:, None]
     moduli = secant[:, None, None] * np.eye(dims) + (tangent - secant)[:, None, None] * unit[:, :, None] * unit[:, None]
     weight = mesh.length.reshape(mesh.sizes.size, -1) * mesh.scale[:, None] ** 2
     weighted = weight[..., None, None] * moduli.reshape(*weight.shape, dims, dims)

@@ -12,17 +12,16 @@ import xarray as xr
 
 from cablepod.batch._members import over_members
 from cablepod.cable._air import MeshAir
-from cablepod.cable._equilibrium import solve_equilibrium
+from cablepod.cable._equilibrium import TooFewElements, solve_equilibrium
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
-from cablepod.cable._scheme import element_counts
-from cablepod.cable._simulate import LAW, element_count, record
-from cablepod.cable._start import catenary_nodes, check_that_drag_settles, equilibrium_in_wind
+from cablepod.cable._simulate import LAW, counts_of, record
+from cablepod.cable._start import catenary_nodes, equilibrium_in_wind
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._damped_vibrations import damped_vibrations
 from cablepod.discretisation._gll import gll_rule
 from cablepod.discretisation._laws import check_law
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import scene_error
 from cablepod.integrate._output import chain_coordinates, law_suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
@@ -169,20 +168,17 @@ def converged_vibrations(
         For fewer unknowns than frequencies, or a cable that is not taut in equilibrium.
     """
     p = replace(p, initial={})  # the start of a run, which is not rest
-    least = element_count(elements, p)
-    counts = element_counts(least) if elements is None else [least]
+    counts = counts_of(elements, p)
     tolerance = FREQUENCY_RTOL if p.wind is None else FREQUENCY_RTOL_IN_WIND
     values, vectors, error = None, np.empty((0, 0)), math.nan
     for number_of_elements in counts:
         mesh = mesh_of(p, number_of_elements, order, law, points)
         try:
             before, (values, vectors) = values, vibrations(mesh, count, out_of_plane=out_of_plane)
-        except SceneError:
-            if number_of_elements == counts[-1]:
+        except TooFewElements:
+            if number_of_elements == counts[-1] and values is None:
                 raise
-            if number_of_elements == counts[0] and (air := mean_air_of(p)) is not None:
-                check_that_drag_settles(p, air)
-            continue  # too few elements for the curvature of the cable
+            continue
         if before is not None and before.size == values.size:
             error = float(np.abs(values / before - 1.0).max())
             if error <= tolerance:
@@ -207,16 +203,14 @@ def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) ->
     p, order = mesh.p, mesh.order
     air = mean_air_of(p)
     position = (
-        solve_equilibrium(mesh, catenary_nodes(mesh))[0]
-        if air is None
-        else equilibrium_in_wind(mesh, MeshAir(mesh, air))
+        solve_equilibrium(mesh, catenary_nodes(mesh)) if air is None else equilibrium_in_wind(mesh, MeshAir(mesh, air))
     )
     g = mesh.gradient(position)
     stretch = np.sqrt(square(g))
-    if not stretch.min() > 1.0:
-        raise SceneError(
-            f"cable: at rest its minimum stretch in {mesh.sizes.size} elements is {stretch.min():.9g}; allowed: a cable that is "
-            "taut at rest, with enough elements"
+    if not stretch.min() > 1.0:  # of a cable so stiff that its strain at rest is below the rounding of the positions
+        raise TooFewElements(
+            f"cable: at rest its strain in {mesh.sizes.size} elements is {stretch.min() - 1.0:.2g} by rounding; allowed: strains "
+            f"above that (its stiffness is {p.stiffness:.3g} N)"
         )
     secant, tangent = mesh.moduli(stretch)
     t = g / stretch[:, None]

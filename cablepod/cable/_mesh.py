@@ -167,10 +167,13 @@ class SpectralMesh(LumpedChain):
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Compute the internal nodal forces (nodes, dims) [N]."""
         g, g_dot = self.gradient(position), None if velocity is None else self.gradient(velocity)
-        stress = self.tensions_along(g, g_dot, 1.0, self.axial_stiffness)[1]
+        return self.nodal_forces(self.tensions_along(g, g_dot, 1.0, self.axial_stiffness)[1])
+
+    def nodal_forces(self, stress: np.ndarray) -> np.ndarray:
+        """Return the forces on the nodes (nodes, dims) of those along the cable at the quadrature points (points, dims) [N]."""
         at_points = (self.length[:, None] * stress).reshape(self.sizes.size, self.order + 1, -1)
         at_nodes = np.einsum("qi,eqc,e->eic", gll_rule(self.order)[2], at_points, self.scale)
-        result = np.zeros(position.shape)
+        result = np.zeros((self.links + 1, stress.shape[-1]))
         np.subtract.at(result, self.nodes, at_nodes)
         return result
 

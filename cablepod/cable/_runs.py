@@ -159,7 +159,7 @@ class ImplicitCableRun(ImplicitChainRun):
         if p.damping_ratios is None:
             return NodalDamping.none()
         mesh = replace(mesh, p=replace(p, initial={}))
-        stiffness = tangent_stiffness(mesh, solve_equilibrium(mesh, catenary_nodes(mesh))[0])
+        stiffness = tangent_stiffness(mesh, solve_equilibrium(mesh, catenary_nodes(mesh)))
         if self.attached is not None:
             self.attached.add_stiffness(stiffness)
         mass, width = np.repeat(mesh.mass[1:-1], p.dims), p.dims * (mesh.order + 1)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
+from cablepod.cable._equilibrium import TooFewElements
 from cablepod.cable._mesh import part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ImplicitCableRun
 from cablepod.discretisation._chain import square
@@ -45,6 +47,14 @@ def element_counts(least: int) -> list[int]:
     """
     counts = [count for count in ELEMENT_COUNTS if count >= least]
     return counts if len(counts) > 1 else [least, 2 * least]
+
+
+def first_runs(runs: Callable[[int], dict[str, CableRun]], counts: list[int]) -> dict[str, CableRun]:
+    """Return the runs with the first number of elements that follow the cable at rest; `runs` and `counts` as elsewhere here."""
+    for count in counts[:-1]:
+        with suppress(TooFewElements):
+            return runs(count)
+    return runs(counts[-1])
 
 
 def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> Solution:

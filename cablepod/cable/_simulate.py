@@ -15,7 +15,7 @@ from cablepod.batch._members import BatchPlan, over_members, over_members_by
 from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import COMPARED_POINTS, SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
-from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, space_error_of
+from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, first_runs, refine_in_space, solve, space_error_of
 from cablepod.cable._start import attached_forces, converged_equilibrium, start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
@@ -87,10 +87,8 @@ def rest(
     """
     check_law(law)
     p = parameters(scene)
-    least = element_count(elements, p)
     air = mean_air_of(p)
-    counts = element_counts(least) if elements is None else [least]
-    mesh, position, error = converged_equilibrium(p, counts, EQUILIBRIUM_RTOL, order, law, points)
+    mesh, position, error = converged_equilibrium(p, counts_of(elements, p), EQUILIBRIUM_RTOL, order, law, points)
     stretch = mesh.stretch(position)
     ends = stretch[[0, -1]]
     tension = law_tension(ends, mesh.element_stiffness[[0, -1]], green=mesh.green)
@@ -133,11 +131,11 @@ def record(
     return provenance.record(result, function=function, parameters=resolved | options, inputs=[scene], chosen=chosen)
 
 
-def element_count(elements: int | None, p: Parameters) -> int:
-    """Check the number of elements; return the minimum of the refinement if none is given."""
+def counts_of(elements: int | None, p: Parameters) -> list[int]:
+    """Check the number of elements; return the one that is given, or those that are tried in turn."""
     if elements is None:
-        return max(ELEMENT_COUNTS[0], part_borders(p).size - 1)
-    return integer(least=1)("elements", elements)
+        return element_counts(max(ELEMENT_COUNTS[0], part_borders(p).size - 1))
+    return [integer(least=1)("elements", elements)]
 
 
 # --- motion ---------------------------------------------------------------------------------------------------------
@@ -155,7 +153,7 @@ def _plan(
                 i: driven_of(members[i], end_time_of(members[i], instants)).half_waves for i in checked_members(members)
             }
             p = members[max(needs, key=needs.__getitem__)]
-            warn_of_few_elements(p, element_count(elements, p), order, end_time_of(p, instants))
+            warn_of_few_elements(p, counts_of(elements, p)[0], order, end_time_of(p, instants))
     except SceneError:
         pass  # which the runs report
     return None
@@ -290,15 +288,15 @@ def simulate(
         pair = zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)
         return {name: run(mesh, initial, title, **options) for name, run in pair}
 
-    first_runs = runs(element_count(elements, p))
-    explicit = first_runs[SCHEMES[0]]
+    first = first_runs(runs, counts_of(elements, p))
+    explicit = first[SCHEMES[0]]
     limit = explicit.step_limit if step is not None and request.scheme in (None, SCHEMES[0]) else None
     formula = f'{explicit.limit_text}; scheme "trapezoidal" has none'
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, formula)
     warn_of_velocity_jump(p)
     if elements is not None and "error_estimate" not in request.outputs:
         warn_of_few_elements(p, elements, check_order(order), float(instants[-1]))
-    solution = solve(first_runs, request, given_steps_per_second)
+    solution = solve(first, request, given_steps_per_second)
     if step is not None:
         _warn_of_energy_excess(solution.trajectory.diagnostics["energy_excess"])
     space_error = {}

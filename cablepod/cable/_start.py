@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cablepod.cable._air import MeshAir
-from cablepod.cable._equilibrium import solve_equilibrium
-from cablepod.cable._mesh import SpectralMesh, mesh_of, part_borders
+from cablepod.cable._equilibrium import TooFewElements, solve_equilibrium
+from cablepod.cable._mesh import SpectralMesh, mesh_of
 from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.catenary._piecewise import is_piecewise
 from cablepod.catenary._statics import length_and_strain, piecewise_statics
@@ -27,8 +27,8 @@ from cablepod.wind._air import CableAir, mean_air_of
 GAUSS_POINTS = 8
 #: Numbers of intervals between two nodes, tried in turn (a cable that turns sharply at its lowest point needs more).
 REFINEMENTS = (1, 4)
-#: Relative tolerance of the shape at rest in wind, and number of elements with which the drag is tried where fewer fail.
-DRAG_RTOL, SETTLING_ELEMENTS = 1e-12, 16
+#: Relative tolerance of the shape at rest in wind.
+DRAG_RTOL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -100,14 +100,12 @@ def equilibrium_in_wind(mesh: SpectralMesh, air: MeshAir) -> np.ndarray:
     Raises
     ------
     SceneError
-        Where the drag and the shape do not settle.
+        Where the drag and the shape do not settle, or for too few elements.
     """
     position = catenary_nodes(mesh, air=air.air)
     for _ in range(chain_start.MAX_DRAG_ITERATIONS):
         before = position
-        position, converged = solve_equilibrium(mesh, position, air.at_rest(position))
-        if not converged:
-            chain_start.refuse_rest_in_wind()
+        position = solve_equilibrium(mesh, position, air.at_rest(position))
         if np.abs(position - before).max() <= DRAG_RTOL * mesh.total_length:
             break
     else:
@@ -123,13 +121,11 @@ def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
     """
     if mesh.green and is_piecewise(mesh.p):
         finer = mesh_of(mesh.p, 2 * mesh.sizes.size, mesh.order, mesh.law)
-        (position, _), (exact, converged) = (solve_equilibrium(of, catenary_nodes(of)) for of in (mesh, finer))
-        if not converged:  # what is left is the difference of the laws, 3/2 strain^2 in the stretch
-            return position, 1.5 * float(mesh.stretch(position).max() - 1.0) ** 2 * mesh.total_length
+        position, exact = (solve_equilibrium(of, catenary_nodes(of)) for of in (mesh, finer))
         return position, float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
     nodes_and_middles = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
     exact = catenary_nodes(mesh, nodes_and_middles)
-    position, _ = solve_equilibrium(mesh, exact[::2])
+    position = solve_equilibrium(mesh, exact[::2])
     return position, float(np.sqrt(square(mesh.interpolate(position, nodes_and_middles) - exact)).max())
 
 
@@ -159,29 +155,22 @@ def converged_equilibrium(
     air, found = mean_air_of(p), None
     for count in counts:
         mesh = mesh_of(p, count, order, law, points)
-        if air is None:
-            position, distance = equilibrium_with_error(mesh)
-        else:
-            finer = mesh_of(p, 2 * count, order, law, points)
-            try:
+        try:
+            if air is None:
+                position, distance = equilibrium_with_error(mesh)
+            else:
+                finer = mesh_of(p, 2 * count, order, law, points)
                 position, exact = (equilibrium_in_wind(of, MeshAir(of, air)) for of in (mesh, finer))
-            except SceneError:
-                if count == counts[-1] and found is None:
-                    raise
-                if count == counts[0]:
-                    check_that_drag_settles(p, air)
-                continue  # too few elements for the curvature of the cable
-            distance = float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
+                distance = float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
+        except TooFewElements:
+            if count == counts[-1] and found is None:
+                raise
+            continue
         found = mesh, position, distance / mesh.total_length
         if found[2] <= tolerance:
             break
     assert found is not None
     return found
-
-
-def check_that_drag_settles(p: Parameters, air: CableAir) -> None:
-    """Refuse a wind in which the shape does not settle, whatever the number of elements."""
-    catenary_nodes(mesh_of(replace(p, initial={}), max(SETTLING_ELEMENTS, part_borders(p).size - 1)), air=air)
 
 
 def attached_forces(mesh: SpectralMesh, initial: np.ndarray, air: MeshAir | None) -> AttachedForces | None:
@@ -239,7 +228,7 @@ def start(mesh: SpectralMesh, air: MeshAir | None = None) -> np.ndarray:
         if air is not None and not p.initial:
             return equilibrium_in_wind(mesh, air)
         shape = catenary_nodes(mesh, air=None if air is None else air.air)
-        return shape if p.initial else solve_equilibrium(mesh, shape)[0]
+        return shape if p.initial else solve_equilibrium(mesh, shape)
     line = np.asarray(p.initial["points"], dtype=float)
     # one point for each particle of the chain: the cable runs through them
     if p.links is not None and len(line) == p.links + 1:

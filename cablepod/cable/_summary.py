@@ -13,8 +13,7 @@ from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.cable._frequencies import converged_vibrations, normal_of_plane
 from cablepod.cable._mesh import mesh_of
-from cablepod.cable._scheme import element_counts
-from cablepod.cable._simulate import element_count
+from cablepod.cable._simulate import counts_of
 from cablepod.cable._start import converged_equilibrium
 from cablepod.catenary._sag import irvine_parameter
 from cablepod.catenary._statics import load_plane, piecewise_statics, sag_of_scene
@@ -282,7 +281,7 @@ def _first_axial_frequency(p: Parameters, length: float) -> float:
     That of a uniform cable is between held ends, that of several parts with a free end where the scene has one.
     """
     if p.segments or p.attachments:
-        return mesh_of(p, element_count(None, p), law="linear").first_axial_frequency()
+        return mesh_of(p, counts_of(None, p)[0], law="linear").first_axial_frequency()
     return math.pi / length * math.sqrt(p.stiffness / p.mass)
 
 
@@ -297,7 +296,7 @@ def rest_in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
     p = replace(
         p, lower=lower, upper=upper, motions={}, length_key="unstretched_length", length_value=length, initial={}
     )
-    counts = element_counts(element_count(None, p))
+    counts = counts_of(None, p)
     tolerance = max(SHAPE_RTOL, SAG_RTOL * sag / length)
     mesh, position, _ = converged_equilibrium(p, counts, tolerance, None, "linear", POINTS)
     stretch, gradient = mesh.stretch(position), mesh.gradient(position)
