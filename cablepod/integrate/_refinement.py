@@ -118,9 +118,9 @@ def judge(rules: Rules, now: Compared, history: Sequence[Verdict]) -> Verdict:
     verdict = Verdict(now, orders[0], errors[0], errors[1], limit)
     # slow once may be a wave that the steps only begin to resolve
     is_hopeless = verdict.is_slow and bool(history) and history[-1].is_slow
-    if verdict.is_accepted or is_hopeless or len(history) + 1 == MAX_REFINEMENTS:
-        return verdict
-    return verdict._replace(wanted=_next(rules, verdict, orders))
+    is_last = verdict.is_accepted or is_hopeless or len(history) + 1 == MAX_REFINEMENTS
+    wanted = None if is_last else _next(rules, verdict, orders)
+    return verdict._replace(wanted=wanted, limit=rules.tolerance if wanted is None else limit)
 
 
 def economical_error(distance: Any, factor: float, order: float) -> Any:

@@ -338,6 +338,18 @@ def test_tensions_that_do_not_converge_are_said_to_be_the_only_ones(monkeypatch)
     assert noted[fine] > 1e-4
 
 
+def test_an_error_below_the_tolerance_is_accepted_where_no_finer_run_is_possible(monkeypatch):
+    monkeypatch.setattr(refinement, "MAX_TENSION_WORK", 1.0)
+    rules = refinement.Rules(tension_runs(1.0, 2.0)[0], 100.0, 1e-4, economical=False)
+    rate, distance = rules.max_tension_rate, 3.0 * 0.7e-4  # of second order, with an error of 0.7 times the tolerance
+    before = refinement.Compared(rate / 2.0, 2.0, 0.0, 4.0 * distance, has_kinks=False)
+    history = [refinement.Verdict(before, 2.0, 0.0, 4.0 * distance / 3.0, 0.5e-4)]
+    verdict = refinement.judge(rules, before._replace(steps_per_second=rate, tension=distance), history)
+    assert verdict.tension_error == pytest.approx(0.7e-4)
+    assert verdict.wanted is None
+    assert verdict.is_accepted
+
+
 def test_rounding_errors_of_the_tension_do_not_count():
     runs, _ = tension_runs(0.3, 0.0)
     same = comparison.tension_distance(np.array([[0.0], [1.0]]), np.array([[1e-3], [1.0]]), 1e-3)
