@@ -110,7 +110,7 @@ class Record(NamedTuple):
     #: (saves, 1 or 3, dims, N)
     saved: np.ndarray
     element: np.ndarray  #: elements of the points for tension extremes (links,)
-    link_rows: np.ndarray  #: their nodal derivative weights (links, p + 1) [1/m]
+    link_weights: np.ndarray  #: weights of the quadrature points there (links, p + 1)
     low: np.ndarray  #: least tensions there, updated (links,) [N]; without entries: unasked
     high: np.ndarray  #: largest tensions there, updated (links,) [N]
     #: first step with a stretch below 1 (-1 if none) and its point; step, point and square of the least stretch below 1 (5,)

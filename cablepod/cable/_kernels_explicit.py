@@ -92,7 +92,7 @@ def verlet(elements, nodes, air, attached, tables, step, state, record, work):
             _record_slack(work.square, number, record.slack)
         _clear(force)
         _add_forces(elements, work)
-        _extremes(elements, x, u, record)
+        _extremes(elements, record, work)
         if attached is not None:
             note_along(x, v, attached.particles, attached.numbers)
         saving = saved < record.steps.size and record.steps[saved] == number

@@ -160,27 +160,22 @@ def _record_slack(square, step, slack):
 
 
 @compiled(counted=False)
-def _extremes(elements, x, u, record):
-    """Update the extremes of the tensions [N] midway between output particles, unless unasked."""
-    order = len(elements.nodes) - 1
+def _extremes(elements, record, work):
+    """Update the extremes of the tensions [N] midway between output particles, by the stresses of `work`, unless unasked.
+
+    Tensions are interpolated from the quadrature points, as in :meth:`cablepod.cable._mesh.SpectralMesh.tensions_and_forces`.
+    """
+    if record.low.size == 0:
+        return
+    for q in range(work.s.shape[0]):
+        for e in range(work.s.shape[1]):
+            work.nodal[q, e] = work.s[q, e] / elements.weight[q] * math.sqrt(work.square[q, e])
     for j in range(record.low.size):
-        a, stiffness = record.element[j] * order, elements.stiffness[record.element[j]]
-        square, stretching = 0.0, 0.0
-        for c in range(x.shape[0]):
-            g, g_dot = 0.0, 0.0
-            for i in range(order + 1):
-                g += record.link_rows[j, i] * x[c, a + i]
-                if elements.viscosity > 0.0:
-                    g_dot += record.link_rows[j, i] * u[c, a + i]
-            square += g * g
-            stretching += g * g_dot
-        stretch = math.sqrt(square)
-        if elements.green:
-            tension = green_secant(square, stiffness) * stretch
-        else:
-            elastic = linear_secant(1.0 / stretch, stiffness)
-            total = viscous_secant(elastic, stretching, square, elements.viscosity * stiffness)
-            tension = taut_secant(elastic, total) * stretch
+        tension = 0.0
+        for q in range(work.s.shape[0]):
+            tension += record.link_weights[j, q] * work.nodal[q, record.element[j]]
+        if not elements.green:
+            tension = max(tension, 0.0)
         record.low[j] = min(record.low[j], tension)
         record.high[j] = max(record.high[j], tension)
 

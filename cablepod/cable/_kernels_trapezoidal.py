@@ -195,12 +195,13 @@ def _accept(state, step, increment, trial):
 
 
 @compiled(inline="always")
-def _note(elements, tables, i, state, record, saved, u):
+def _note(elements, tables, i, state, record, saved, work):
     """Keep what is wanted of the state at the beginning of step `i`; returns how many steps are saved by then."""
     if record.low.size:
-        assign(u, state.v)
-        _set_end_rates(elements, tables.end_rates, i, u)
-        _extremes(elements, state.x, u, record)
+        assign(work.u, state.v)
+        _set_end_rates(elements, tables.end_rates, i, work.u)
+        _stresses(elements, state.x, work)
+        _extremes(elements, record, work)
     if saved == record.steps.size or record.steps[saved] != record.start + i:
         return saved
     assign(record.saved[saved, 0], state.x)
@@ -234,7 +235,7 @@ def trapezoidal(elements, nodes, air, attached, tables, step, tolerance, bound, 
     is_linear = air is not None or nodes.modal.matrix.size > 0
     iterations, saved, has_acceleration = 0, 0, True
     for i in range(steps):
-        saved = _note(elements, tables, i, state, record, saved, work.u)
+        saved = _note(elements, tables, i, state, record, saved, work)
         below, before, started = False, 0.0, has_acceleration
         for k in range(MAX_ITERATIONS):
             iterations += 1

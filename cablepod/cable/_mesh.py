@@ -196,15 +196,21 @@ class SpectralMesh(LumpedChain):
     def tensions_and_forces(
         self, position: np.ndarray, velocity: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute tensions (..., links) and their vectors (..., links, dims) [N] midway between output particles."""
-        element, rows = self.link_rows
-        nodes = self.nodes[element]
-        stiffness = self.p.stiffness if self.ratios is None else self.element_stiffness[element]
-        g = np.einsum("ji,...jic->...jc", rows, position[..., nodes, :])
+        """Compute tensions (..., links) and their vectors (..., links, dims) [N] midway between output particles.
+
+        They are those of the quadrature points, interpolated: between these the strain of a stiff cable may be off by many times
+        its size.  By the linear law what the polynomials have below 0 is slack.
+        """
         g_dot = None
         if velocity is not None and rate_dampings(self.p) != (0.0, 0.0):
-            g_dot = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
-        return self.tensions_along(g, g_dot, 1.0, stiffness)
+            g_dot = self.gradient(velocity)
+        tension, force = self.tensions_along(self.gradient(position), g_dot, 1.0, self.axial_stiffness)
+        element, weights = self.link_weights
+        of_elements = np.zeros((element.size, self.sizes.size, self.order + 1))
+        of_elements[np.arange(element.size), element] = weights
+        matrix = of_elements.reshape(element.size, -1)
+        tension, force = tension @ matrix.T, matrix @ force
+        return tension if self.green else np.maximum(tension, 0.0), force
 
     # --- output particles ---
 
@@ -214,11 +220,9 @@ class SpectralMesh(LumpedChain):
         return self.arc_length if self.places is None else self.places
 
     @cached_property
-    def link_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Element (links,) and nodal derivative weights (links, order + 1) [1/m] midway between output particles."""
-        particles = self.particles
-        element, values = self._locate(0.5 * (particles[1:] + particles[:-1]))
-        return element, np.ascontiguousarray((values @ gll_rule(self.order)[2]) * self.scale[element][:, None])
+    def link_weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Element (links,) and weights of its quadrature points (links, order + 1) midway between output particles."""
+        return self._locate(0.5 * (self.particles[1:] + self.particles[:-1]))
 
     def _locate(self, arc_length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Element (points,) and nodal interpolation weights (points, order + 1) of given arc lengths [m]."""

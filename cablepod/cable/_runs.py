@@ -121,7 +121,7 @@ class ExplicitCableRun(ExplicitChainRun):
 
         def advance(start: int, steps: int) -> bool:
             first, last = np.searchsorted(instants.steps, (start, start + steps))
-            record = Record(start, instants.steps[first:last], saved[first:last], *mesh.link_rows, low, high, slack)
+            record = Record(start, instants.steps[first:last], saved[first:last], *mesh.link_weights, low, high, slack)
             time = np.arange(start, start + steps + 1) / steps_per_second
             ends = p.end_coordinates_at_steps(start, steps, steps_per_second)
             tables = _tables(self, ends, varying, time, time - 0.5 * step)
@@ -217,7 +217,7 @@ class _CableStepper(ImplicitStepper):
         tolerance = max(run.newton_factor * NEWTON_RTOL * mesh.total_length / mesh.links, rounding)
         tables = _tables(run, end_table, self.varying, time, time)
         low, high = self.extremes or (NOTHING, NOTHING)
-        record = Record(start, save, self.saved[at : at + save.size], *mesh.link_rows, low, high, self.slack)
+        record = Record(start, save, self.saved[at : at + save.size], *mesh.link_weights, low, high, self.slack)
         self.work.position[:] = self.x
         self.newton.start_tangent(mesh.arguments, self.nodes, step)
         done, iterations = kernel.trapezoidal(

@@ -324,11 +324,13 @@ def _check_memory(mesh: SpectralMesh, instants: int, scheme: str | None, *, is_c
 
     These are positions, also of two earlier runs with which it is compared, and the more of two: for the energy, what the kernels
     have saved, by implicit schemes velocities and accelerations too, with the gradient at the quadrature points in three forms;
-    for the result, the nodes around each place between particles, or compared point, with what they give there and the output.
+    for the result, the nodes around each particle, or compared point, with what they give there and the output, or
+    gradient, force and four scalars at the quadrature points.
     """
-    nodes, places = mesh.links + 1, max(mesh.particles.size, COMPARED_POINTS * is_compared)
+    nodes, places = mesh.links + 1, max(0 if mesh.places is None else mesh.places.size, COMPARED_POINTS * is_compared)
     in_run = (1 if scheme == SCHEMES[0] else 3) * nodes + 3 * mesh.length.size
-    in_result = (mesh.order + 1 + 2) * places
+    of_tension = (2 + 4 / mesh.p.dims) * mesh.length.size + 2 * mesh.particles.size
+    in_result = max((mesh.order + 1 + 2) * places, of_tension)
     needed = 8.0 * instants * mesh.p.dims * ((3 if is_compared else 1) * nodes + max(in_run, in_result))
     cells = f"{mesh.sizes.size} elements of order {mesh.order}"
     check_bytes(needed, "elements and times", f"{cells} and {instants} instants, {needed / 1e9:.3g} GB in the run")
