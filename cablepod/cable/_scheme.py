@@ -82,15 +82,7 @@ def _search_of(runs: dict[str, CableRun], request: Request, steps_per_second: fl
     if request.scheme is not None:
         return Refinement(run.comparable_runs(), request.tolerance)
     explicit, implicit = (runs[name] for name in SCHEMES)
-    steps_per_second = 1.0 / explicit.resolving(explicit.unforced_step)
-    return SchemeChoice(
-        explicit.comparable_runs(),
-        implicit.comparable_runs(),
-        request.tolerance,
-        step_limit=explicit.step_limit,
-        explicit_seconds=3.0 * explicit.end_time * steps_per_second * explicit.chain.links * NODE_STEP,
-        max_steps_per_second=steps_per_second / IMPLICIT_COST,
-    )
+    return SchemeChoice.of_runs(explicit, implicit, request.tolerance, implicit_cost=IMPLICIT_COST, step_time=NODE_STEP)
 
 
 def refine_in_space(

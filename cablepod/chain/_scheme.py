@@ -170,15 +170,13 @@ def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
     if request.scheme is not None or run is not explicit:
         return Refinement(run.comparable_runs(), request.tolerance)
     trapezoidal = ImplicitChainRun(**{item.name: getattr(explicit, item.name) for item in fields(explicit)})
-    steps_per_second = 1.0 / explicit.resolving(explicit.unforced_step)
-    seconds = 3.0 * explicit.end_time * steps_per_second * explicit.chain.links * LINK_STEP
-    return SchemeChoice(
-        explicit.comparable_runs(),
-        trapezoidal.comparable_runs(),
+    return SchemeChoice.of_runs(
+        explicit,
+        trapezoidal,
         request.tolerance,
-        step_limit=explicit.step_limit,
-        explicit_seconds=None if request.given_tolerance is not None else seconds,
-        max_steps_per_second=2.0 * steps_per_second / IMPLICIT_COST,
+        # the explicit runs of a search take at least three times their first steps, all implicit ones twice their maximum
+        implicit_cost=0.5 * IMPLICIT_COST,
+        step_time=None if request.given_tolerance is not None else LINK_STEP,
     )
 
 

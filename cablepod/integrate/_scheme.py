@@ -135,6 +135,26 @@ class SchemeChoice(Search):
             self._search = Refinement(explicit, tolerance)
         self._follow()
 
+    @classmethod
+    def of_runs(
+        cls, explicit: Any, implicit: Any, tolerance: float, *, implicit_cost: float, step_time: float | None
+    ) -> Self:
+        """Return the search of two :class:`cablepod.integrate._chain_run.ChainRun`, one by either scheme.
+
+        `implicit_cost` is that of an implicit step in explicit steps, `step_time` the run time of an explicit step for each link
+        [s], None to try implicit steps in any case.
+        """
+        steps_per_second = 1.0 / explicit.resolving(explicit.unforced_step)
+        steps = 3.0 * explicit.end_time * steps_per_second
+        return cls(
+            explicit.comparable_runs(),
+            implicit.comparable_runs(),
+            tolerance,
+            step_limit=explicit.step_limit,
+            explicit_seconds=None if step_time is None else steps * explicit.cells.links * step_time,
+            max_steps_per_second=steps_per_second / implicit_cost,
+        )
+
     def take(self, trajectory: Any) -> None:
         """Take the run that was wanted."""
         self._search.take(trajectory)
