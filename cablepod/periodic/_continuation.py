@@ -38,7 +38,7 @@ LOOP_RTOL = 0.3
 MAX_JUMP, MANY_EVALUATIONS = 1e-3, 12
 #: Number of points before which a branch cannot have come back.
 LOOP_POINTS = 10
-#: Largest share of the coordinates in each other's symmetric part before a crossing of the parent counts.
+#: Reasons why branches end.
 RANGE, LOOP, POINTS, SLACK, DIVERGED, AMPLITUDE = "range", "loop", "points", "slack", "diverged", "amplitude"
 
 T = TypeVar("T")
@@ -181,11 +181,13 @@ def trace(
     start: State,
     direction: np.ndarray,
     limits: Limits,
-    on_point: Callable[[Branch], bool],
+    on_point: Callable[[Branch, bool], bool],
     *,
     stability: bool = True,
 ) -> None:
-    """Append points to a branch from a solution on, until it ends; `ended` tells why.
+    """Append points to a new branch from a solution on, until it ends; `ended` tells why.
+
+    A branch that leaves the range has its last point at the end of the range.
 
     Parameters
     ----------
@@ -197,7 +199,7 @@ def trace(
         Where the branch ends.
     on_point
         Called after each point; false where the last one is to be taken back and the step halved, because events between the
-        last two cannot be told apart.
+        last two cannot be told apart or located.  Its second argument tells whether the step is as small as it gets.
     stability
         Whether multipliers are computed.
     """
@@ -209,23 +211,28 @@ def trace(
         stride = solver.stride(state)
         return Point(state, direction, solver.stability(state, stride) if stability else None, stride)
 
-    if not branch.points:
-        if not _append(branch, point_of(start, direction)):
-            return
-        on_point(branch)
+    if not _append(branch, point_of(start, direction)):
+        return
+    on_point(branch, True)
+    if not limits.low <= start.omega <= limits.high:
+        branch.ended = RANGE
     state, direction = start, direction / np.linalg.norm(direction)
     while not branch.ended:
         found, tangent, iterations = adapted(solver, replace(state, z=state.z + step * direction), direction)
+        is_least, end = step <= 100.0 * LEAST_STEP, min(max(found.omega, limits.low), limits.high)
+        leaves = found.omega != end
+        if leaves and iterations > 0:
+            found, tangent, iterations = _at_end(solver, state, direction, found, end)
         good = iterations > 0
         if good:
             before = resized_direction(direction, state, found.harmonics)
             cosine = float(before @ tangent) / float(np.linalg.norm(before))
             change = _change_of_motion(state, found)
-            good = cosine > MIN_COSINE and (change < MAX_CHANGE or step <= 100.0 * LEAST_STEP)
+            good = cosine > MIN_COSINE and (change < MAX_CHANGE or is_least)
         if good:
             if not _append(branch, point_of(found, tangent)):
                 return
-            if not on_point(branch) and step > 100.0 * LEAST_STEP:
+            if not on_point(branch, is_least) and not is_least:
                 branch.points.pop()
                 good = False
         if not good:
@@ -233,12 +240,25 @@ def trace(
             if step < LEAST_STEP:
                 branch.ended = DIVERGED
             continue
-        branch.ended = _end(branch, limits, step)
+        branch.ended = RANGE if leaves else _end(branch, limits, step)
         motion = float(np.linalg.norm(found.coefficients[1:]))
         far = found.omega > FAR * solver.model.highest_frequency
         along = STEP_OVER_FREQUENCY * found.omega if far else 0.0
         step = _next_step(step, iterations, cosine, change, max(largest, STEP_OVER_MOTION * motion, along))
         state, direction = thinned(found, tangent)
+
+
+def _at_end(
+    solver: Solver, state: State, direction: np.ndarray, beyond: State, omega: float
+) -> tuple[State, np.ndarray, int]:
+    """Return the solution at the end of the range between a state and one beyond it, as :meth:`Solver.correct` does."""
+    before = state.resized(beyond.harmonics)
+    guess = before.towards(beyond, (omega - before.omega) / (beyond.omega - before.omega))
+    found, tangent, iterations = adapted_at(solver, guess)
+    if resized_direction(direction, state, found.harmonics) @ tangent < 0.0:
+        tangent = -tangent
+    near = np.abs(distance(guess, found)).max() <= np.abs(beyond.z - before.z).max()
+    return found, tangent, iterations if near and state.omega != omega else -1
 
 
 def _next_step(step: float, iterations: int, cosine: float, change: float, largest: float) -> float:
@@ -268,21 +288,26 @@ def _end(branch: Branch, limits: Limits, step: float) -> str:
     """Return why a branch ends at its last point; empty where it goes on."""
     last, before = branch.points[-1], branch.points[-2].state
     state = last.state
-    if not limits.low <= state.omega <= limits.high:
-        return RANGE
     reason = limits.reason(last)
     if reason:
         return reason
     if last.stability is not None and last.stability.smallest_force < 0.0:
         return SLACK
-    if len(branch.points) > LOOP_POINTS:
-        if branch.asymmetric is not None and _opposite(branch.asymmetric(before), branch.asymmetric(state)):
-            return LOOP
-        if _passes(branch.points[0].state, before, state, step):
-            return LOOP
+    if meets_parent(branch):
+        return LOOP
+    if len(branch.points) > LOOP_POINTS and _passes(branch.points[0].state, before, state, step):
+        return LOOP
     if limits.points <= len(branch.points):
         return POINTS
     return ""
+
+
+def meets_parent(branch: Branch) -> bool:
+    """Return whether the last two points are on either side of the branch that this one left: mirror images from there on."""
+    if branch.asymmetric is None or len(branch.points) <= LOOP_POINTS:
+        return False
+    first, second = (branch.asymmetric(point.state) for point in branch.points[-2:])
+    return _opposite(first, second)
 
 
 def _opposite(first: np.ndarray, second: np.ndarray) -> bool:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablepod.periodic._continuation import Branch, Point, distance, resized_direction, zero_between
+from cablepod.periodic._continuation import Branch, Point, distance, meets_parent, resized_direction, zero_between
 from cablepod.periodic._multipliers import product
 from cablepod.periodic._solve import IN_PLANE, NEUTRAL, OUT_OF_PLANE, Solver, State, sets_of
 
@@ -70,21 +70,29 @@ def can_be_told_apart(before: Signs, after: Signs) -> bool:
     return bool(((np.abs(real) <= 1) | (real == -pairs)).all())
 
 
-def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) -> list[Event]:
-    """Locate the bifurcations between the last two points of a branch, in their order."""
+def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) -> tuple[list[Event], bool]:
+    """Locate the bifurcations between the last two points of a branch, in their order; tell whether all are found.
+
+    Where a test function that is continuous has no zero, the last point lies on another branch.
+    """
     first, second = branch.points[-2], branch.points[-1]
     names = sets_of(solver.model, second.state)
     found: list[tuple[float, Event]] = []
+    missed = set()
 
     def locate(kind: str, name: str, test: Callable[[Point], float], check: Callable[[Point], bool]) -> None:
         place = _locate(solver, first, second, test)
         if place is not None and check(place[1]):
             found.append((place[0], Event(kind, name, place[1].state, branch.number, direction=place[1].direction)))
+        else:
+            missed.add(kind)
 
     folds = first.direction[-1] * second.direction[-1] < 0.0
     if folds:
         name = names[0][0]
         locate(FOLD, name, lambda point: point.direction[-1], lambda point: True)
+        if before.at_one[0] * after.at_one[0] > 0.0:  # with another multiplier beside that of the fold
+            missed.add(PITCHFORK)
     for k, (name, which) in enumerate(names):
 
         def real(kind: str, value: float, name: str = name, which: slice = which) -> None:
@@ -109,22 +117,26 @@ def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) 
             real(DOUBLING, -1.0)
         if before.complex_outside[k] != after.complex_outside[k] and radius(first) * radius(second) < 0.0:
             locate(TORUS, name, radius, is_on_circle)
-    return [event for _, event in sorted(found, key=lambda pair: pair[0])]
+    # a complex pair may become real multipliers within a step
+    return [event for _, event in sorted(found, key=lambda pair: pair[0])], missed <= {TORUS}
 
 
-def entering(solver: Solver, events: list[Event]) -> Callable[[Branch], bool]:
+def entering(solver: Solver, events: list[Event]) -> Callable[[Branch, bool], bool]:
     """Return what :func:`cablepod.periodic._continuation.trace` calls after each point; it adds bifurcations to `events`."""
     tests: list[Signs] = []
 
-    def on_point(branch: Branch) -> bool:
+    def on_point(branch: Branch, is_least: bool) -> bool:
         del tests[len(branch.points) - 1 :]  # of a point that was taken back
         tests.append(signs(solver, branch.points[-1]))
-        if len(tests) == 1:
+        if len(tests) == 1 or meets_parent(branch):
             return True
-        if not can_be_told_apart(tests[-2], tests[-1]):
+        apart = can_be_told_apart(tests[-2], tests[-1])
+        if not (apart or is_least):
             return False
-        events.extend(events_between(solver, branch, tests[-2], tests[-1]))
-        return True
+        found, complete = events_between(solver, branch, tests[-2], tests[-1])
+        if complete or is_least:
+            events.extend(found)
+        return apart and complete
 
     return on_point
 

@@ -14,7 +14,7 @@ from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _output as output
-from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point, adapted_at, distance, trace
+from cablepod.periodic._continuation import POINTS, Branch, Limits, Point, adapted_at, distance, trace
 from cablepod.periodic._events import DOUBLING, Event, entering, first_point, leaving
 from cablepod.periodic._frequency_output import labelled
 from cablepod.periodic._general import solver_of
@@ -277,9 +277,9 @@ class _Study:
         before = self._count()
         enter = entering(self.solver, self.events)
 
-        def on_point(branch: Branch) -> bool:
+        def on_point(branch: Branch, is_least: bool) -> bool:
             self._tell(branch.points[-1])
-            return enter(branch)
+            return enter(branch, is_least)
 
         limits = Limits(
             self.low, self.high, self.points - before, lambda point: POINTS if self.solver.work > MAX_WORK else ""
@@ -287,23 +287,6 @@ class _Study:
         if limits.points < 2:
             branch.ended = POINTS
         trace(self.solver, branch, state, direction, limits, on_point)
-        if branch.ended == RANGE and len(branch.points) > 1:
-            self._end_at_range(branch)
-
-    def _end_at_range(self, branch: Branch) -> None:
-        """Move the last point, which lies beyond the range, to its end."""
-        last = branch.points[-1]
-        omega = min(max(last.state.omega, self.low), self.high)
-        before = branch.points[-2].state.resized(last.state.harmonics)
-        share = (omega - before.omega) / (last.state.omega - before.omega) if last.state.omega != before.omega else 1.0
-        guess = before.towards(last.state, share)
-        state, direction, iterations = self.solver.at_frequency(guess)
-        near = np.abs(state.z - guess.z).max() <= np.abs(last.state.z - before.z).max()
-        if iterations > 0 and near:
-            branch.points[-1] = Point(state, direction, self.solver.stability(state, last.stride), last.stride)
-        kept = self.low * (1.0 - 1e-12), self.high * (1.0 + 1e-12)
-        # in place, as :meth:`_others` walks along it
-        self.events[:] = [event for event in self.events if kept[0] <= event.state.omega <= kept[1]]
 
     def _tell(self, point: Point) -> None:
         """Report progress: the share of the range that the main branch has passed, at most 0.9."""

@@ -50,15 +50,7 @@ def _followed(solver: Solver, start: State, omega: float) -> State | None:
         return None
     if (omega - state.omega) * direction[-1] < 0.0:
         direction = -direction
-    low, high = min(state.omega, omega) * (1.0 - 1e-9), max(state.omega, omega) * (1.0 + 1e-9)
-    branch = Branch(0)
-    trace(solver, branch, state, direction, Limits(low, high, MAX_POINTS), lambda branch: True, stability=False)
-    if len(branch.points) < 2:
-        return None
-    after = branch.points[-1].state
-    before = branch.points[-2].state.resized(after.harmonics)
-    if (before.omega - omega) * (after.omega - omega) > 0.0:
-        return None
-    guess = before.towards(after, (omega - before.omega) / (after.omega - before.omega))
-    found, _, iterations = solver.at_frequency(guess)
-    return found if iterations > 0 else None
+    branch, limits = Branch(0), Limits(min(state.omega, omega), max(state.omega, omega), MAX_POINTS)
+    trace(solver, branch, state, direction, limits, lambda branch, is_least: True, stability=False)
+    found = branch.points[-1].state
+    return found if abs(found.omega / omega - 1.0) < 1e-12 else None  # rounding of the last correction

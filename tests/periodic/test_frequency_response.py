@@ -226,6 +226,45 @@ def test_the_ends_of_a_branch_have_as_many_harmonics_as_they_need():
     assert response.harmonic_tail.max() < 1e-6  # the bound of the page
 
 
+def steep(tension, damping, rank, motion, **options):
+    """The guy at another tension, moved at one end along x."""
+    mapping = copy.deepcopy(GUY) | {"damping": {"mass_proportional": damping}}
+    mapping["cable"]["top_tension"] = tension
+    (end, kind, amplitude), upper = motion, options.pop("upper", GUY["ends"]["upper"])
+    mapping["ends"] = {"lower": [0.0, 0.0], "upper": upper}
+    mapping["motion"] = {end: {"x": {"kind": kind, "amplitude": amplitude, "angular_frequency": 6.0}}}
+    scene = cp.make_scene(mapping)
+    modes = cp.condensed.vibration_modes(scene, rank=rank, static_modes=rank > 2)
+    return cp.periodic.frequency_response(scene, modes, outputs=("multipliers",), **options)
+
+
+BRANCHES = {
+    # a doubling between the last point within the range and its end
+    "end": (6000.0, 0.28, 2, ("lower", "harmonic", 0.0064), {"frequency": (8.0, 9.05)}),
+    # a whirling branch that comes back to its parent
+    "loop": (7390.0, 0.0209, 4, ("upper", "one_minus_cosine", 0.000483), {"frequency": (8.0, 9.5)}),
+}
+
+
+@pytest.mark.parametrize("case", BRANCHES)
+def test_multipliers_leave_the_circle_at_bifurcations_alone_and_at_each(case):
+    *of_scene, options = BRANCHES[case]
+    found = steep(*of_scene, **options)
+    outside = (np.abs(multipliers(found)) > 1.0 + 1e-7).sum(axis=1)  # the bound of `stable`
+    for number in np.unique(found.branch):
+        changes = np.count_nonzero(np.diff(outside[found.branch.values == number]))
+        assert changes == np.count_nonzero(found.bifurcation_branch == number) > 0
+
+
+def test_no_step_jumps_to_another_branch():
+    """Two doubled branches pass near each other; one that jumped to and fro met the same bifurcations again and again."""
+    motion, upper = ("upper", "one_minus_cosine", 0.00294), [72.33, 0.0]
+    found = steep(6584.0, 0.3385, 2, motion, upper=upper, frequency=(12.0, 16.0), points=150)
+    places = np.stack([found.bifurcation_branch, found.bifurcation_angular_frequency.round(6)])
+    assert places.shape[1] > 5
+    assert np.unique(places, axis=1).shape[1] > places.shape[1] - 2  # two doublings of the string lie at one place
+
+
 @pytest.mark.parametrize("key", ["mass_proportional", "tension_proportional", "ratio"])
 def test_points_meet_the_peak_of_a_small_resonance(key):
     """Of a string under a small uniform load p sin: (4 / pi) p / 2 zeta omega^2 mu at its first frequency omega."""
