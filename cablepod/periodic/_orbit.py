@@ -184,25 +184,23 @@ def state_of(model: PeriodicModel, start: Any, omega: float, periods: int, harmo
     base = "harmonic" if name == "harmonic_cosine" else "time"
     if name not in start or start[name].dims != (base, "mode") or start.sizes["mode"] < model.n_in_plane:
         raise scene_error("start", f"a Dataset with {', '.join(map(str, start.data_vars))}", allowed)
+    is_run = base == "time" and "angular_frequency" not in start
+    given = periods if is_run else int(start.attrs.get("periods", start.get("periods", 1)))
+    most = -(-harmonics * given // periods)  # number of harmonics of the start that can be wanted
     parts = []
     for suffix, turn in zip(SETS, model.turns, strict=False):
-        if f"{name}{suffix}" not in start:
-            parts.append(np.zeros((1 + 2 * harmonics, len(turn))))
-            continue
-        if base == "harmonic":
-            cosine, sine = (np.nan_to_num(start[f"harmonic_{kind}{suffix}"].values) for kind in ("cosine", "sine"))
-            given = int(start.attrs.get("periods", start.get("periods", 1)))
-            values = np.zeros((1 + 2 * harmonics, turn.shape[0]))
-            for k in range(len(cosine)):
-                new = k * periods // given
-                if k * periods % given or new > harmonics:
-                    continue
-                values[max(2 * new - 1, 0)] = cosine[k, : len(turn)]
-                if new:
-                    values[2 * new] = sine[k, : len(turn)]
-        else:
-            values = _fitted(start[f"{name}{suffix}"], omega * model.scales[0], periods, harmonics)[:, : len(turn)]
-        parts.append(np.linalg.solve(turn, values.T).T)
+        values = np.zeros((2, 1 + harmonics, len(turn)))  # cosines and sines
+        if f"{name}{suffix}" in start:
+            if base == "harmonic":
+                found = np.stack([start[f"harmonic_{kind}{suffix}"] for kind in ("cosine", "sine")])
+            else:
+                own = omega * model.scales[0] if is_run else float(start["angular_frequency"])
+                found = _fitted(start[f"{name}{suffix}"], own, given, most)
+            k = np.arange(min(found.shape[1], most + 1))
+            k = k[k * periods % given == 0]
+            values[:, k * periods // given] = np.nan_to_num(found[:, k, : len(turn)])
+        pairs = np.delete(values.transpose(1, 0, 2).reshape(-1, len(turn)), 1, axis=0)  # without the sine of the mean
+        parts.append(np.linalg.solve(turn, pairs.T).T)
     coefficients = np.concatenate(parts, axis=1) / model.scales[1]
     outside = np.abs(coefficients[:, model.n_in_plane :]).max(initial=0.0)
     planar = model.is_planar and outside <= 1e-9 * np.abs(coefficients).max()
@@ -212,17 +210,15 @@ def state_of(model: PeriodicModel, start: Any, omega: float, periods: int, harmo
 
 
 def _fitted(amplitude: xr.DataArray, omega: float, periods: int, harmonics: int) -> np.ndarray:
-    """Fit harmonics to the last periods of amplitudes (time, mode), the mean first (1 + 2 harmonics, mode)."""
+    """Fit cosines and sines to the last periods of amplitudes (time, mode), from the mean on (2, 1 + harmonics, mode)."""
     time = amplitude["time"].values
     duration = 2.0 * np.pi * periods / omega
     last = time > time[-1] - duration * (1.0 - 1e-9)
     most = max(min(harmonics, (int(last.sum()) - 1) // 3), 1)
-    phase = np.outer(time[last], np.arange(1, most + 1)) * omega / periods
-    basis = np.ones((phase.shape[0], 1 + 2 * most))
-    basis[:, 1::2], basis[:, 2::2] = np.cos(phase), np.sin(phase)
-    result = np.zeros((1 + 2 * harmonics, amplitude.sizes["mode"]))
-    result[: 1 + 2 * most] = np.linalg.lstsq(basis, np.nan_to_num(amplitude.values[last]), rcond=None)[0]
-    return result
+    phase = np.outer(time[last], np.arange(most + 1)) * omega / periods
+    basis = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)  # the sine of the mean gets no part
+    values = np.linalg.lstsq(basis, np.nan_to_num(amplitude.values[last]), rcond=None)[0]
+    return values.reshape(2, most + 1, -1)
 
 
 def labelled(solver: Solver, state: State, wanted: Sequence[str]) -> xr.Dataset:

@@ -164,6 +164,22 @@ def test_an_orbit_is_found_again_from_itself_and_from_a_run():
         assert float(again.deflection_maximum) == pytest.approx(float(orbit.deflection_maximum), rel=1e-7)
 
 
+@pytest.mark.parametrize(("ratio", "periods"), [(1.01, 2), (1.0, 4)])
+def test_a_doubled_orbit_is_a_start_with_and_without_its_harmonics(ratio, periods):
+    scene = guy(angular_frequency=12.68, amplitude=0.01, damping=0.1)
+    modes, options = modes_of(scene), {"out_of_plane": False, "outputs": ("harmonics",)}
+    response = cp.periodic.frequency_response(scene, modes, frequency=(12.55, 12.68), **options)
+    point = response.isel(point=int(np.flatnonzero(response.periods == 2)[-1]))
+    near = scene.assign(motion_upper_x_angular_frequency=ratio * scene.motion_upper_x_angular_frequency)
+    found = []
+    for outputs in ((), ("harmonics",)):
+        start = cp.periodic.orbit(scene, modes, periods=2, start=point, outputs=outputs)
+        found.append(cp.periodic.orbit(near, modes, periods=periods, start=start, outputs=()).amplitude.values)
+    size = np.ptp(found[0])
+    assert np.abs(found[0][0] - found[0][128]).max() > 0.1 * size  # instants of a period
+    assert np.abs(found[0] - found[1]).max() < 1e-6 * size  # the least share of its harmonics that an orbit leaves out
+
+
 def test_members_are_computed_one_by_one_and_say_why_they_fail():
     scene = guy(angular_frequency=6.0)
     tensions = [8000.0, 15000.0]
