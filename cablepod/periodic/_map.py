@@ -31,8 +31,8 @@ HARMONICS, TAIL_RTOL = 5, 1e-5
 MAX_BYTES = 3e8
 #: Number of columns that a thread takes at once.
 COLUMNS = 8
-#: Relative tolerance of the angular frequency of an edge.
-EDGE_RTOL = 1e-10
+#: Relative tolerance of the angular frequency of an edge, and growth over a period above which it is none: the square root.
+EDGE_RTOL, MAX_GROWTH = 1e-10, 1e-5
 
 
 class MapResult(NamedTuple):
@@ -60,19 +60,24 @@ class MapResult(NamedTuple):
             getattr(self, name)[..., columns] = getattr(other, name)[..., which]
 
     def add_edge(self, solver: Solver, first: State, second: State, place: tuple[int, int, int], kind: int) -> None:
-        """Enter where multipliers of a set cross the unit circle between two orbits, if they do."""
+        """Enter where multipliers of a set cross the unit circle between two orbits; nothing where the response jumps."""
         most, stride = max(first.harmonics, second.harmonics), solver.stride(first)
+
+        def matrix(state: State) -> np.ndarray:
+            return solver.monodromies(state, stride)[0][place[0]]
 
         def between(low: State, high: State, share: float) -> State | None:
             state, _, iterations = solver.at_frequency(low.towards(high, share))
             return None if iterations < 0 else state
 
-        def test(state: State) -> float:
-            return signed_stability(kind, solver.monodromies(state, stride)[0][place[0]])
-
         tolerance = EDGE_RTOL * first.omega / (second.omega - first.omega)
-        found = zero_between((first.resized(most), second.resized(most)), between, test, tolerance)
-        if found is not None:
+        found = zero_between(
+            (first.resized(most), second.resized(most)),
+            between,
+            lambda state: signed_stability(kind, matrix(state)),
+            tolerance,
+        )
+        if found is not None and abs(growth_of(eigenvalues(matrix(found[1])), 1.0)[0]) < MAX_GROWTH:
             self.edges[place] = (found[1].omega * solver.model.scales[0], kind)
 
 

@@ -65,8 +65,8 @@ def stability_map(
         of the response that grows from rest with the amplitude; ``response`` [m], its largest deflection from the mean; ``kind``
         ("stable", "fold", "pitchfork", "period_doubling", "torus", "none"), what the fastest disturbance does; ``failure``, why a
         point has no response, else empty; ``smallest_chordwise_force`` [N].  Along ``edge``: ``edge_angular_frequency`` [rad/s],
-        ``edge_amplitude``, ``edge_set`` and ``edge_kind`` of the changes of stability between neighbouring frequencies.  With
-        ``member`` edges of all members lie along one dimension each, filled with nan.
+        ``edge_amplitude``, ``edge_set`` and ``edge_kind`` of the changes of stability between neighbouring frequencies, but for
+        those where the response jumps.  With ``member`` edges of all members lie along one dimension each, filled with nan.
 
     Raises
     ------

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
-from periodic_scenes import guy, loaded, mathieu
+from periodic_scenes import GUY, guy, loaded, mathieu
 from scipy.optimize import brentq
 from scipy.special import mathieu_a, mathieu_b
 
@@ -140,3 +142,17 @@ def test_the_response_in_space_is_that_of_both_deflections():
     found = cp.periodic.stability_map(scene, modes, frequency=[5.0], amplitude=[1e-3, 2e-3])
     orbit = cp.periodic.orbit(scene, modes, outputs=())
     assert float(found.response[1, 0]) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
+
+
+def test_there_is_no_edge_where_the_response_jumps():
+    """At 16.33 rad/s whirling begins on the high response, at 17.26 rad/s there is the low one: no edge at these themselves."""
+    mapping = copy.deepcopy(GUY) | {"damping": {"mass_proportional": 0.2, "tension_proportional": 1.75e-4}}
+    mapping["cable"]["top_tension"], mapping["ends"]["upper"] = 16050.0, [24.74, 0.0]
+    mapping["motion"] = {"lower": {"y": {"kind": "harmonic", "amplitude": 0.0084, "angular_frequency": 6.0}}}
+    sine = {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": 6.0, "phase": 1.0}
+    mapping["load"] = {"uniform": [0.0, 1.667]} | sine
+    scene = cp.make_scene(mapping)
+    modes, grid = cp.condensed.vibration_modes(scene, rank=2), [16.33, 17.26]
+    found = cp.periodic.stability_map(scene, modes, frequency=grid, amplitude=[0.002, 0.004, 0.006, 0.0084])
+    assert found.sizes["edge"] == 1
+    assert grid[0] < found.edge_angular_frequency.item() < grid[1]
