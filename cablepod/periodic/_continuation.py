@@ -11,6 +11,7 @@ import numpy as np
 from cablepod.periodic._solve import (
     MIN_HARMONICS,
     MORE_HARMONICS,
+    NO_MOTION,
     TAIL_RTOL,
     Solver,
     Stability,
@@ -269,10 +270,11 @@ def _next_step(step: float, iterations: int, cosine: float, change: float, large
 
 
 def _change_of_motion(first: State, second: State) -> float:
-    """Return the difference of two motions, without their means, over the size of the larger one."""
+    """Return the difference of two motions, without their means, over the size of the larger one; 0 for none but rounding."""
     change = distance(first, second)[:-1].reshape(-1, second.size)[1:]
     sizes = [float(np.linalg.norm(state.coefficients[1:])) for state in (first, second)]
-    return float(np.linalg.norm(change)) / max(*sizes, 1e-300)
+    least = NO_MOTION * float(np.linalg.norm(second.coefficients))
+    return float(np.linalg.norm(change)) / max(*sizes, least, 1e-300)
 
 
 def _append(branch: Branch, point: Point) -> bool:
