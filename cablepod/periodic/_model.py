@@ -322,16 +322,26 @@ class PeriodicModel:
         return float((half - root).min())
 
     @cached_property
+    def _largest_loads(self) -> tuple[float, float]:
+        """Largest load over a period on the coordinates in the plane, and on those out of it."""
+        load = np.abs(self.rows(64, 1)[..., -len(self.load_projection) :] @ self.load_projection)
+        return float(load[..., : self.n_in_plane].max()), float(load[..., self.n_in_plane :].max(initial=0.0))
+
+    @cached_property
     def is_planar(self) -> bool:
         """Whether the forcing stays in the plane, so that motion out of it is a matter of stability."""
-        if self.size == self.n_in_plane:
-            return True
-        if self._things_couple:
+        inside, outside = self._largest_loads
+        return self.size == self.n_in_plane or (not self._things_couple and outside <= PLANAR_RTOL * inside)
+
+    @cached_property
+    def is_axisymmetric(self) -> bool:
+        """Whether nothing tells the deflections apart, as in a vertical cable moved along itself: turned orbits are orbits."""
+        n = self.n_in_plane
+        if self.size != 2 * n or any(self._largest_loads) or self.condensed.damper_matrix.any():
             return False
-        normal = self.rows(64, 1)[..., -len(self.load_projection) :]
-        load = np.abs(normal @ self.load_projection)
-        inside, outside = load[..., : self.n_in_plane].max(), load[..., self.n_in_plane :].max()
-        return bool(outside <= PLANAR_RTOL * max(inside, 1e-300)) or not outside
+        each = self.kappa_si, np.abs(self.geometric_stiffness)  # signs of shapes are free
+        halves = (each[0][:n], each[0][n:]), (each[1][:, :n, :n], each[1][:, n:, n:])
+        return all(np.allclose(a, b, rtol=0.0, atol=1e-9 * np.abs(a).max(initial=0.0)) for a, b in halves)
 
     @property
     def _things_couple(self) -> bool:

@@ -33,8 +33,8 @@ def growth_of(multipliers: np.ndarray, duration: np.ndarray | float) -> tuple[np
 
 
 def product(factors: np.ndarray) -> float:
-    """Return the real part of a product, with large factors turned to size one, which changes no sign."""
-    return float(np.prod(factors / np.maximum(np.abs(factors), 1.0)).real)
+    """Return the real part of a product of the factors that are not 0, with large ones turned to size one: no sign changes."""
+    return float(np.prod(factors / np.maximum(np.abs(factors), 1.0), where=factors != 0.0).real)
 
 
 def signed_stability(kind: int, matrix: np.ndarray) -> float:

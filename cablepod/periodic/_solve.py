@@ -276,6 +276,8 @@ class Solver:
         matrices, least = self.monodromies(state, stride)
         alike = len({len(matrix) for matrix in matrices}) == 1  # eigenvalues of both at once are faster
         found = eigenvalues(np.stack(matrices)) if alike else [eigenvalues(matrix) for matrix in matrices]
+        if np.abs(state.coefficients).max() > NO_MOTION and self.model.is_axisymmetric:
+            found[-1][np.abs(found[-1] - 1.0).argmin()] = 1.0  # of turned orbits
         return Stability(np.concatenate(found), least * self.model.force_scale)
 
     def monodromies(self, state: State, stride: int | None = None) -> tuple[list[np.ndarray], float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from periodic_scenes import GUY, guy, loaded, multipliers
 from scenes import ROOT
+from suite import slow
 
 import cablepod as cp
 
@@ -254,6 +255,29 @@ def test_multipliers_leave_the_circle_at_bifurcations_alone_and_at_each(case):
     for number in np.unique(found.branch):
         changes = np.count_nonzero(np.diff(outside[found.branch.values == number]))
         assert changes == np.count_nonzero(found.bifurcation_branch == number) > 0
+
+
+@pytest.mark.parametrize("order", ["leading", slow("exact")])
+def test_what_turned_responses_share_is_no_bifurcation(order):
+    """A vertical cable moved along itself may swing in any plane: a multiplier of each response is one."""
+    mapping = copy.deepcopy(GUY) | {"damping": {"mass_proportional": 0.0155}}
+    mapping["cable"]["top_tension"], mapping["ends"]["upper"] = 21178.0, [0.0, 57.7]
+    mapping["motion"] = {"upper": {"y": {"kind": "harmonic", "amplitude": 0.00577, "angular_frequency": 6.0}}}
+    scene = cp.make_scene(mapping)
+    modes = cp.condensed.vibration_modes(scene, rank=3)
+    found = cp.periodic.frequency_response(
+        scene, modes, frequency=(15.3, 15.7), order=order, follow=("period_doubling",)
+    )
+    swings = found.branch.values > 1
+    assert np.abs(multipliers(found) - 1.0).min(axis=1)[swings].max() == 0.0
+    assert set(found.bifurcation_branch.values) == {1}
+
+
+def test_without_an_amplitude_the_steps_are_long():
+    scene = guy(amplitude=0.0)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    found = cp.periodic.frequency_response(scene, modes, frequency=(5.0, 7.0), points=300, outputs=())
+    assert found.attrs["branch_1_ended"] == "range"
 
 
 def test_no_step_jumps_to_another_branch():
