@@ -35,8 +35,9 @@ FEW_ITERATIONS, MANY_ITERATIONS = 4, 6
 MAX_CHANGE, GOOD_CHANGE = 0.25, 0.18
 #: Distance from the start of a branch, over the step, that counts as having come back.
 LOOP_RTOL = 0.3
-#: Size of a test function at its zero, over that at the ends, above which it jumps there; number of evaluations that tell it.
-MAX_JUMP, MANY_EVALUATIONS = 1e-3, 12
+#: Size of a test function at its zero, over that at the ends, above which it jumps there; number of evaluations that tell it, as
+#: a square root is that small within the square of the size, 2^-20.
+MAX_JUMP, MANY_EVALUATIONS = 1e-3, 30
 #: Number of points before which a branch cannot have come back.
 LOOP_POINTS = 10
 #: Reasons why branches end.

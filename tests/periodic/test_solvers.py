@@ -130,6 +130,8 @@ def test_a_zero_between_two_points_is_no_jump():
     found = zero_between((1.0, 3.0), beside, lambda x: x**3 - 10.0, 1e-14)
     assert found is not None
     assert abs(found[1] ** 3 - 10.0) < 1e-3 * 17.0  # of the larger end
+    # two pairs that meet on a circle within that of one, and leave it, as the square root
+    assert zero_between((0.0, 1.0), between, lambda x: 0.1 * max(x - 0.3, 0.0) ** 0.5 - 0.004, 1e-12) is not None
     assert zero_between((1.0, 3.0), between, lambda x: x, 1e-14) is None
     assert zero_between((1.0, 3.0), between, lambda x: 1.0 / (x - 1.7), 1e-14) is None
     assert zero_between((1.0, 3.0), lambda *_: None, lambda x: x - 1.7, 1e-14) is None
