@@ -218,14 +218,11 @@ class Solver:
         self.balance.balance(state.z, basis, self.model.damping, state.periods, *forces[:3], residual, rate, jacobian)
         if forces.damping is None:
             return residual, rate, jacobian
-        basis = basis[:, :columns]
-        project = 2.0 / samples * basis.T
-        project[0] *= 0.5
-        rates = basis @ rates_of(np.eye(columns)) / state.periods  # from coefficients to rates, over the frequency
-        rate += (project @ np.einsum("mij,mj->mi", forces.damping, rates @ state.coefficients)).ravel()
-        effect = state.omega * rates[:, :, None, None] * forces.damping[:, None]
-        of_damping = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
-        return residual, rate, jacobian + of_damping.transpose(0, 2, 1, 3).reshape(size, size)
+        mean, blocks = np.tensordot(basis.T, forces.damping, 1) / samples, np.empty((size, size))
+        self.balance.harmonic_blocks(mean, state.harmonics + 1, 0, blocks)
+        rates = rates_of(np.eye(columns)) / state.periods  # from coefficients to rates, over the frequency
+        of_damping = np.einsum("ira,rc->ica", blocks.reshape(size, columns, n), rates).reshape(size, size)
+        return residual, rate + of_damping @ state.z[:-1], jacobian + state.omega * of_damping
 
     def _newton(self, state: State, direction: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
         """Return all unknowns, the direction of the branch in the active ones, and the number of iterations."""
