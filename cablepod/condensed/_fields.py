@@ -302,7 +302,7 @@ def running_sum(parts: np.ndarray) -> np.ndarray:
     return result
 
 
-def _stretch_derivatives(
+def stretch_derivatives(
     model: CondensedModel, stretch: np.ndarray, squared: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return derivatives of the chordwise stretch (times, n) by N / K, and by minus half the squared slope."""
@@ -328,7 +328,7 @@ def velocities(
     chord_rate, direction_rate, normal_rates = frame.rates(reach, reach_rate)
     deflection_rate = np.stack([rates[:, which] @ model.shapes[which] for which in model.sets])
     slope, slope_rate = (np.diff(field, axis=2) / chain.length for field in (deflection, deflection_rate))
-    compliance, jacobian = _stretch_derivatives(model, stretch, (slope * slope).sum(axis=0))
+    compliance, jacobian = stretch_derivatives(model, stretch, (slope * slope).sum(axis=0))
     stretch_rate = -jacobian * (slope * slope_rate).sum(axis=0)
     stretch_rate += compliance * ((chord_rate - stretch_rate @ chain.length) / (compliance @ chain.length))[:, None]
     along, along_rate = running_sum(stretch * chain.length), running_sum(stretch_rate * chain.length)

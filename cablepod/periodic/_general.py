@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.condensed._fields import close
+from cablepod.condensed._fields import close, stretch_derivatives
 from cablepod.condensed._kernels_layout import RateTerms
 from cablepod.discretisation._formulas import damping_by_tension
 from cablepod.periodic._model import PeriodicModel
@@ -62,7 +62,7 @@ class GeneralSolver(Solver):
         """Evaluate the forces of order "exact": the chordwise stretch of each link by the closure."""
         model, condensed, chain = self.model, self.model.condensed, self.model.condensed.chain
         frequency, length, _ = model.scales
-        n, k = q.shape[1], chain.p.stiffness
+        n = q.shape[1]
         rows = model.rows(len(q), periods)
         data = rows[0] + omega * rows[1] + omega**2 * rows[2]
         change = rows[1] + 2.0 * omega * rows[2]
@@ -76,10 +76,8 @@ class GeneralSolver(Solver):
         first = np.zeros(max(n, condensed.slope_norms_squared.size))
         first[:n] = length * q[0]
         stretch, chordwise = close(condensed, squared, first[: condensed.slope_norms_squared.size], data)
-        xi = np.sqrt(stretch**2 + squared)
-        # derivatives of the stretch: by the chordwise force, and by a slope, divided by minus that slope
-        compliance = 1.0 / (k * (1.0 - squared / xi**3))
-        coupling = k * compliance * stretch / xi**3
+        by_force, coupling = stretch_derivatives(condensed, stretch, squared)
+        compliance = by_force / chain.p.stiffness
         weights, total = chain.length, (compliance @ chain.length)[:, None]
         secant, beta = chordwise / stretch, model.tension_damping
         # the tension over the stretch acts on slopes and, with damping, on their rates
