@@ -130,13 +130,8 @@ def one_of(allowed: Iterable[str], given: Any) -> str:
 
 def warn(text: str | Warning, category: type[Warning] = UserWarning) -> None:
     """Warn at the first line outside this package."""
-    warnings.warn(text, category, stacklevel=user_stacklevel())
-
-
-def user_stacklevel() -> int:
-    """Return the ``stacklevel`` of a warning of the caller at which it names the first line outside this package."""
-    frame, level = sys._getframe(1), 1
+    frame, level = sys._getframe(), 1
     inside = ("cablepod", "contextlib")
     while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] in inside:
         frame, level = frame.f_back, level + 1
-    return level
+    warnings.warn(text, category, stacklevel=level)

@@ -12,7 +12,7 @@ import numpy as np
 from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.condensed._attached import roots_of_springs
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms, runtime_sizes, terms_of_lane
+from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms, runtime_sizes
 from cablepod.condensed._rest_tangent import with_vector
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
@@ -178,13 +178,13 @@ def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> Er
         As in :func:`scaled_terms`, without the dimension of cables.
     """
     chain, springs = model.chain, roots_of_springs(model)
-    enriched = terms_of_lane(
+    enriched = LeadingTerms.of(
         chain.p.stiffness, chain.total_length, model.slope_norms_squared, model.mean_chordwise_forces,
         model.geometric_stiffness, model.load_projection,
     )  # fmt: skip
     return ErrorTerms(
         sizes=runtime_sizes(len(change), len(model.load_patterns), len(model.load_projection)),
-        enriched=LeadingTerms(*(array[None] for array in enriched)),
+        enriched=enriched,
         change=change[None],
         weights=chain.length[None],
         flexibility=1.0 / np.broadcast_to(chain.axial_stiffness, chain.links)[None],
@@ -228,21 +228,14 @@ def scaled_terms(
     leading, green
         Whether the motion obeys the closure to leading order; whether law (21) holds.
     """
-    count, size, normals = len(load), change.shape[1], len(unit.load_projection) // load.shape[1]
+    size, normals = change.shape[1], len(unit.load_projection) // load.shape[1]
     length, mass = cables.length[:, None], cables.mass[:, None]
     shape = 1.0 / np.sqrt(mass * length)
     slopes = (shape / length)[..., None] * at.slopes
     matrices = (load * shape * shape / length)[:, :, None, None] * unit.geometric_stiffness
     projection = (np.tile(load, normals) * shape)[:, :, None] * unit.load_projection
-    enriched = LeadingTerms(
-        cables.stiffness[:, None],
-        1.0 / length,
-        0.5 * cables.stiffness[:, None] / length,
-        unit.slope_norms_squared * (shape * shape / length),
-        load * unit.mean_chordwise_forces,
-        matrices.reshape(count, -1),
-        projection.reshape(count, -1),
-    )
+    kappa, means = unit.slope_norms_squared * (shape * shape / length), load * unit.mean_chordwise_forces
+    enriched = LeadingTerms.of(cables.stiffness, cables.length, kappa, means, matrices, projection)
     powers = at.inertia_powers
     return ErrorTerms(
         sizes=runtime_sizes(size, load.shape[1], len(unit.load_projection)),

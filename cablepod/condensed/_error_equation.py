@@ -17,8 +17,8 @@ from cablepod.condensed._error_coefficients import (
     terms_of_model,
     unit_coefficients,
 )
-from cablepod.condensed._kernels_layout import Drive, ErrorTerms, LeadingTerms, runtime_sizes
-from cablepod.condensed._newton import solve_each
+from cablepod.condensed._kernels_layout import Drive, ErrorTerms, runtime_sizes
+from cablepod.condensed._newton import leading_forces, solve_each
 from cablepod.discretisation._chain import LumpedChain
 
 #: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
@@ -113,15 +113,11 @@ def errors_at_rest(terms: ErrorTerms, q: np.ndarray, rows: np.ndarray) -> np.nda
     q, rows
         Coordinates at rest (members, r), and their boundary data (members, columns).
     """
-    from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
-
     still = np.zeros_like(q[:, None])
     at_rest, y, difference, _ = (array[:, 0] for array in drive_of(terms, (q[:, None], still, still), rows[:, None]))
 
     def forces(error: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        force, tangent = np.empty_like(error), np.empty((*error.shape, error.shape[1]))
-        own = LeadingTerms(*(array[part] for array in terms.enriched))
-        kernel.leading_forces(own, at_rest[part], y[part] + error, force, tangent, np.empty(len(error)))
+        force, tangent, _ = leading_forces(terms.enriched.take(part), at_rest[part], y[part] + error)
         return force + difference[part], tangent
 
     def is_found(change: np.ndarray, error: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -217,7 +213,7 @@ def _parts_of_members(terms: ErrorTerms, samples: int) -> Iterator[tuple[slice, 
         arrays: dict[str, Any] = {
             name: value[part] for name, value in terms._asdict().items() if isinstance(value, np.ndarray)
         }
-        yield part, terms._replace(enriched=LeadingTerms(*(array[part] for array in terms.enriched)), **arrays)
+        yield part, terms._replace(enriched=terms.enriched.take(part), **arrays)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from cablepod.condensed._air import EXTRA_POINTS, CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
 from cablepod.condensed._attached import chordwise_motion, has_load, place_of, shape_along
 from cablepod.condensed._coefficients import Coefficients
-from cablepod.condensed._kernels_layout import LeadingTerms, RateTerms
+from cablepod.condensed._kernels_layout import RateTerms
+from cablepod.condensed._newton import leading_forces
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
 
@@ -121,12 +122,9 @@ def enriched_damping(equation: ErrorEquation, model: CondensedModel) -> np.ndarr
 
     The stiffness is that of the enriched model to leading order at rest, where the motion's model rests.
     """
-    from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
-
-    size, rows = len(equation.change), model.static_boundary_data[None]
-    force, stiffness, at_rest = np.empty((1, size)), np.empty((1, size, size)), (equation.change @ model.rest)[None]
-    kernel.leading_forces(equation.terms.enriched, rows, at_rest, force, stiffness, np.empty(1))
-    return modal_damping(model.chain.p.damping_ratios or (), stiffness[0], np.ones(size))
+    at_rest, rows = (equation.change @ model.rest)[None], model.static_boundary_data[None]
+    stiffness = leading_forces(equation.terms.enriched, rows, at_rest)[1][0]
+    return modal_damping(model.chain.p.damping_ratios or (), stiffness, np.ones(len(stiffness)))
 
 
 def _damped(
@@ -140,7 +138,7 @@ def _damped(
 
     p, to_enriched = equation.chain.p, equation.change.T
     matrix = np.empty((0, 0)) if p.damping_ratios is None else enriched_damping(equation, model)
-    terms, beta = LeadingTerms(*(array[0] for array in equation.terms.enriched)), p.tension_damping or 0.0
+    terms, beta = equation.terms.enriched.take(0), p.tension_damping or 0.0
     forces, chord_tension = np.empty((len(q), len(to_enriched.T))), np.empty(len(q))
     rate_terms, work = RateTerms(beta, matrix.reshape(-1)), np.empty(len(to_enriched.T))
     states = boundary_data, q @ to_enriched, rates @ to_enriched

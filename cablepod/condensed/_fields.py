@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cablepod.condensed._kernels_layout import CLOSURE_ROWS, LeadingTerms
+from cablepod.condensed._kernels_layout import CLOSURE_ROWS
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
@@ -365,7 +365,7 @@ def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, l
     tables = (np.ascontiguousarray(table[:, links]) for table in (model.slopes, model.chordwise_force_patterns))
     slopes, patterns = tables
     q = np.ascontiguousarray(q)
-    terms, rows = LeadingTerms(*(array[None] for array in model.terms)), model.boundary_data_at(times)
+    terms, rows = model.terms.take(None), model.boundary_data_at(times)
     tables = (array[None] for array in (rows, q, slopes))
     kernel.link_tensions(
         terms, *tables, model.n_in_plane, patterns[None], np.empty(1), np.zeros(1, dtype=int), tension[None]

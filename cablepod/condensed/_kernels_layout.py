@@ -59,6 +59,19 @@ class LeadingTerms(NamedTuple):
         np.ndarray
     )  #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
 
+    @classmethod
+    def of(cls, stiffness: Any, length: Any, *coefficients: np.ndarray) -> LeadingTerms:
+        """Return the coefficients of cables in a lane each, with a leading dimension of cables.
+
+        `stiffness` and `length` are K [N] and L0 [m], of one cable or (cables,); the others are as the fields (cables, ...).
+        """
+        k, length = np.reshape(stiffness, (-1, 1)), np.reshape(length, (-1, 1))
+        return cls(k, 1.0 / length, 0.5 * k / length, *(values.reshape(len(k), -1) for values in coefficients))
+
+    def take(self, part: Any) -> LeadingTerms:
+        """Return those of some members, by an index of their dimension; None adds that dimension."""
+        return LeadingTerms(*(array[part] for array in self))
+
 
 #: Array without entries, which stands for an absent term.
 NOTHING = np.empty(0)
@@ -326,17 +339,3 @@ def constant_sizes(size: int, patterns: int, normal_loads: int, lanes: int = 1) 
 def runtime_sizes(size: int, patterns: int, normal_loads: int) -> Sizes:
     """Return numbers of one lane that one compilation serves."""
     return Sizes((0,), *(np.empty(number) for number in (size, patterns, normal_loads)))
-
-
-def terms_of_lane(
-    stiffness: float,
-    length: float,
-    kappa: np.ndarray,
-    mean_chordwise_forces: np.ndarray,
-    geometric_stiffness: np.ndarray,
-    load_projection: np.ndarray,
-) -> LeadingTerms:
-    """Return the coefficients of one lane, from K [N], L0 [m] and arrays as in :class:`LeadingTerms` of any dimensions."""
-    numbers = (np.array([number]) for number in (stiffness, 1.0 / length, 0.5 * stiffness / length))
-    arrays = (kappa, mean_chordwise_forces, geometric_stiffness, load_projection)
-    return LeadingTerms(*numbers, *(np.ravel(array) for array in arrays))

@@ -23,7 +23,7 @@ from cablepod.condensed._kernels_layout import (
     initial_monitor,
 )
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._newton import equilibria
+from cablepod.condensed._newton import equilibria, leading_forces
 from cablepod.condensed._rescale import MemberStates, RescaledCoefficients, rescale_coefficients
 from cablepod.condensed._runs import STABLE_PHASE
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER, damped_step
@@ -79,20 +79,14 @@ class MemberCoefficients:
     @cached_property
     def terms(self) -> LeadingTerms:
         """Coefficients of the forces to leading order, of one lane each."""
-        named, stiffness, length = self.scaled.named, self.parameters.stiffness[:, None], self.total[:, None]
-        count = len(length)
-        return LeadingTerms(
-            stiffness, 1.0 / length, 0.5 * stiffness / length, self.scaled.slope_norms_squared,
-            named["mean_chordwise_forces"], named["geometric_stiffness"].reshape(count, -1),
-            named["load_projection"].reshape(count, -1),
-        )  # fmt: skip
+        names = "mean_chordwise_forces", "geometric_stiffness", "load_projection"
+        coefficients = self.scaled.slope_norms_squared, *(self.scaled.named[name] for name in names)
+        return LeadingTerms.of(self.parameters.stiffness, self.total, *coefficients)
 
     def starts(self, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return coordinates, rates half a `step` before the start (members, r), step limits [s] and H [N] (members,)."""
-        from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
-
         parameters, model, start = self.parameters, self.unit, np.zeros(1)
-        chain, scaled, everyone, size = model.chain, self.scaled, np.arange(self.total.size), len(model.load_patterns)
+        chain, scaled, size = model.chain, self.scaled, len(model.load_patterns)
         rest = self.rows_at(start, moving=False)[:, 0]
         # first guess: the parabola whose tension is that at rest
         sigma = chain.arc_length / chain.total_length
@@ -101,18 +95,13 @@ class MemberCoefficients:
         for k, which in enumerate(model.sets):
             parabola[:, which] *= rest[:, 1 + (1 + k) * size, None]
 
-        chord_tension = np.empty(len(rest))
-
-        def forces(q: np.ndarray, part: np.ndarray, rows: np.ndarray = rest) -> tuple[np.ndarray, np.ndarray]:
-            force, tangent = np.empty_like(q), np.empty((*q.shape, q.shape[1]))
-            own = LeadingTerms(*(array[part] for array in self.terms))
-            kernel.leading_forces(own, rows[part], q, force, tangent, chord_tension[: len(q)])
-            return force, tangent
+        def forces(q: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return leading_forces(self.terms.take(part), rest[part], q)[:2]
 
         q, found = equilibria(parabola, forces)
         q[~found] = np.nan
-        now = self.rows_at(start, moving=True)[:, 0]
-        f, _ = forces(q, everyone, now)
+        now = self.rows_at(start, moving=True)[:, 0].copy()
+        f, _, chord_tension = leading_forces(self.terms, now, q)
         norms, kappa = scaled.named["geometric_stiffness_norms"], self.terms.kappa
         stiffness = 2.0 * self.terms.sag_stiffness[:, 0]
         limit = verlet_step_limit(np.sqrt(largest_frequencies_squared(kappa, norms, stiffness, q, now, chord_tension)))

@@ -22,9 +22,8 @@ from cablepod.condensed._kernels_layout import (
     Sizes,
     constant_sizes,
     runtime_sizes,
-    terms_of_lane,
 )
-from cablepod.condensed._newton import equilibria
+from cablepod.condensed._newton import equilibria, leading_forces
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.discretisation._step_limit import largest_frequencies_squared
@@ -261,14 +260,9 @@ class CondensedModel(Coefficients):
     @cached_property
     def terms(self) -> LeadingTerms:
         """Coefficients of the forces to leading order."""
-        return terms_of_lane(
-            self.chain.p.stiffness,
-            self.chain.total_length,
-            self.slope_norms_squared,
-            self.mean_chordwise_forces,
-            self.geometric_stiffness,
-            self.load_projection,
-        )
+        coefficients = self.slope_norms_squared, self.mean_chordwise_forces, self.geometric_stiffness
+        of_cable = self.chain.p.stiffness, self.chain.total_length
+        return LeadingTerms.of(*of_cable, *coefficients, self.load_projection).take(0)
 
     @cached_property
     def exact_terms(self) -> ExactTerms:
@@ -324,20 +318,14 @@ class CondensedModel(Coefficients):
         self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Return undamped forces (r,), their tangent (r, r), mass matrix (r, r) and H [N] of one state."""
-        from cablepod.condensed import _kernels_closure as kernel_leading
-        from cablepod.condensed import _kernels_exact as kernel_exact
-
-        r, f = q.size, np.empty(q.size)
         if self.order == "leading":
-            tension, tangent, terms = (
-                np.empty(1),
-                np.empty((r, r)),
-                LeadingTerms(*(array[None] for array in self.terms)),
-            )
-            kernel_leading.leading_forces(terms, boundary_data[None], q[None], f[None], tangent[None], tension)
-            return f, tangent, np.eye(r), float(tension[0])
+            force, tangent, tension = leading_forces(self.terms.take(None), boundary_data[None], q[None])
+            return force[0], tangent[0], np.eye(q.size), float(tension[0])
+        from cablepod.condensed import _kernels_exact as kernel  # numba is imported only to compute
+
         work, guess = self.exact_work(boundary_data, tangent=True), self.tension_guess(boundary_data, q)
-        chord_tension = kernel_exact.exact_force(self.exact_terms, boundary_data, q, v, guess, work, f)
+        f = np.empty(q.size)
+        chord_tension = kernel.exact_force(self.exact_terms, boundary_data, q, v, guess, work, f)
         return f, work.tangent, work.mass, chord_tension
 
     def mean_stretch(self, q: np.ndarray, boundary_data: np.ndarray) -> float:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cablepod.condensed._kernels_layout import LeadingTerms
+
 #: Maximum number of iterations for an equilibrium, its tolerance (last correction over the deflection), and a correction over the
 #: deflection below which only rounding is left.
 EQUILIBRIUM_ITERATIONS, EQUILIBRIUM_RTOL, ROUNDING_RTOL = 60, 1e-9, 1e-14
@@ -48,6 +50,18 @@ def solve_each(
         if not part.size:
             break
     return solution, found
+
+
+def leading_forces(terms: LeadingTerms, rows: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return undamped accelerations (members, r), their negative derivatives (members, r, r) and H (members,) [N].
+
+    To leading order, for coordinates q (members, r) at instants with the boundary data `rows` (members, columns).
+    """
+    from cablepod.condensed import _kernels_closure as kernel  # numba is imported only to compute
+
+    force, tangent, tension = np.empty_like(q), np.empty((*q.shape, q.shape[1])), np.empty(len(q))
+    kernel.leading_forces(terms, rows, q, force, tangent, tension)
+    return force, tangent, tension
 
 
 def equilibria(guesses: np.ndarray, forces: Residuals) -> tuple[np.ndarray, np.ndarray]:

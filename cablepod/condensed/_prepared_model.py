@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from cablepod.condensed._prepared_dataset import ROUNDING, check_coefficients, c
 from cablepod.condensed._prepared_run import OUTPUTS, PreparedRun, run
 from cablepod.condensed._simulate import check_links
 from cablepod.discretisation._step_limit import verlet_step_limit
-from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
+from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, warn
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_outputs, check_positive, check_step
 from cablepod.parameters._key_paths import motion_path
@@ -170,11 +169,10 @@ class PreparedModel:
         self._accepted, self._trial, self._has_trial = self._trial, self._accepted, False
         if self._accepted[layout.MONITOR, MIN_FORCE] < 0.0 and not self._warned:
             self._warned = True
-            warnings.warn(
+            warn(
                 f"the chordwise force became negative, {self.smallest_chordwise_force:.3g} N until {self.time:.6g} s: the cable "
                 "goes slack, where the condensed model resists compression; compare with chain.simulate",
                 OutOfRangeWarning,
-                stacklevel=user_stacklevel(),
             )
 
     def _shape_error(self, position: Any, velocity: Any, acceleration: Any, step: Any) -> SceneError:

@@ -10,8 +10,9 @@ import xarray as xr
 
 from cablepod.chain._start import rest_shape
 from cablepod.condensed._assembly import unit_of
-from cablepod.condensed._kernels_layout import LeadingTerms, terms_of_lane
+from cablepod.condensed._kernels_layout import LeadingTerms
 from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._newton import leading_forces
 from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._rest_tangent import RestTangent, vibrations
 from cablepod.discretisation._modal_damping import modal_damping
@@ -216,18 +217,13 @@ class PeriodicModel:
     @cached_property
     def tangent_at_rest(self) -> np.ndarray:
         """Stiffness at rest (r, r) [1/s^2], to leading order."""
-        from cablepod.condensed._kernels_closure import leading_forces  # numba is imported only to compute
-
-        terms = LeadingTerms(*(array[None] for array in self._terms_si))
-        force, tangent = np.empty((1, self.size)), np.empty((1, self.size, self.size))
-        leading_forces(terms, self.condensed.static_boundary_data[None], self.rest[None], force, tangent, np.empty(1))
-        return tangent[0]
+        return leading_forces(self._terms_si, self.condensed.static_boundary_data[None], self.rest[None])[1][0]
 
     @cached_property
     def _terms_si(self) -> LeadingTerms:
-        """Terms of all coordinates, in SI units."""
+        """Terms of all coordinates, in SI units, with a leading dimension of one."""
         chain = self.condensed.chain
-        return terms_of_lane(
+        return LeadingTerms.of(
             chain.p.stiffness, chain.total_length, self.kappa_si, self.condensed.mean_chordwise_forces,
             self.geometric_stiffness, self.load_projection,
         )  # fmt: skip
@@ -235,7 +231,12 @@ class PeriodicModel:
     def terms(self, n: int) -> LeadingTerms:
         """Return the terms of the first n coordinates without dimension; H is over `force_scale`."""
         omega, length, _ = self.scales
-        si, force, geometric, load = self._terms_si, self.force_scale, self.geometric_stiffness, self.load_projection
+        si, force, geometric, load = (
+            self._terms_si.take(0),
+            self.force_scale,
+            self.geometric_stiffness,
+            self.load_projection,
+        )
         return LeadingTerms(
             si.stiffness / force, si.inverse_length, np.array([self.sag]), self.kappa[:n].copy(),
             si.mean_chordwise_forces / force, np.ravel(geometric[:, :n, :n] / omega**2),
