@@ -17,6 +17,7 @@ from cablepod.condensed._kernels_layout import Bodies
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._newton import solve_each
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._lifting import line_between
 from cablepod.scene._wind_field import linear_between
 from cablepod.wind._air import CableAir, density_of, refined
 from cablepod.wind._drag import (
@@ -141,7 +142,7 @@ class CondensedAir:
         velocity, rate = linear_between(samples, velocity, np.arange(count) / parts, axis=0), rate * parts
         time = np.arange(count) / rate
         ends, rates = p.end_positions(time), p.end_positions(time, 1)
-        velocity = velocity - (rates[:, :1] + sigma[:, None] * (rates[:, 1:] - rates[:, :1]))
+        velocity = velocity - line_between(rates, sigma)
         frame = ChordFrame.of(ends[:, 1] - ends[:, 0], self.model.reference)
         axes = np.concatenate([frame.along[:, None], frame.normals], axis=1)
         result = np.empty((len(velocity), p.dims, sigma.size))

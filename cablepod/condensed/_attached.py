@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cablepod.condensed._reference_state import between_held_ends
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._parameters import Attachment, Parameters
@@ -71,9 +72,13 @@ def chordwise_motion(chain: LumpedChain, shortening: np.ndarray, place: np.ndarr
 
     The change of H, which keeps the distance of the ends, lengthens each link by its compliance.
     """
-    share = 1.0 / chain.k
-    lengthening = shortening.sum(axis=-1, keepdims=True) * (share / share.sum()) - shortening
-    return np.asarray(np.cumsum(lengthening, axis=-1) @ place[1:])
+    return np.asarray(between_held_ends(-shortening, compliance_shares(chain)) @ place[1:])
+
+
+def compliance_shares(chain: LumpedChain) -> np.ndarray:
+    """Return the shares of the compliance of the cable that the links up to each particle have (n,)."""
+    sums = np.cumsum(1.0 / chain.k)
+    return np.asarray(sums / sums[-1])
 
 
 def shapes_of_loads(model: Coefficients) -> np.ndarray:
@@ -128,7 +133,7 @@ def forces_of_line(
     p, pairs = model.chain.p, loading(model.chain)
     moved = ends - p.initial_ends.reshape(-1, 1)
     axis = ChordFrame.of(np.diff(p.initial_ends, axis=0), model.reference).along[0]
-    compliance = np.cumsum(1.0 / model.chain.k) / (1.0 / model.chain.k).sum()
+    compliance = compliance_shares(model.chain)
     forces = np.zeros((len(pairs), ends.shape[1]))
     for force, psi, (attachment, fraction) in zip(forces, model.attached_shapes, pairs, strict=True):
         d = np.asarray(attachment.direction)

@@ -19,6 +19,7 @@ from cablepod.condensed._error_coefficients import (
 )
 from cablepod.condensed._kernels_layout import Drive, ErrorTerms, runtime_sizes
 from cablepod.condensed._newton import leading_forces, solve_each
+from cablepod.condensed._reference_state import between_held_ends
 from cablepod.discretisation._chain import LumpedChain
 
 #: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
@@ -149,8 +150,8 @@ class LinkSlopes:
         for which in (slice(in_plane), slice(in_plane, None)):
             moved, wrong = ((part[:, None, which] @ self.slopes[:, which])[:, 0] for part in (q, error))
             stretch -= moved * wrong
-        along, place = np.cumsum(stretch * self.length, axis=1), np.cumsum(self.length, axis=-1)
-        along -= place / place[..., -1:] * along[:, -1:]
+        place = np.cumsum(self.length, axis=-1)
+        along = between_held_ends(stretch * self.length, place / place[..., -1:])
         return (self.mass[..., 1:] * along**2).sum(axis=1) / np.where(is_finite, square, 1.0)
 
 

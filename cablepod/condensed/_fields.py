@@ -13,6 +13,7 @@ from cablepod.condensed._kernels_layout import CLOSURE_ROWS
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._formulas import closure_tension, green_tangent_along, linear_tangent_along
 from cablepod.discretisation._laws import law_tension
 from cablepod.integrate._means import Means, means, wants_means
 from cablepod.integrate._output import Extremes
@@ -218,7 +219,7 @@ def close_leading(
     stiffness: float | np.ndarray,
     compliance: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Close the chord to leading order: zeta' = 1 + (H + tau) / K - w'^2 / 2, whose integral is the chord.
+    """Close the chord to leading order, with zeta' = 1 + (H + tau) / K - w'^2 / 2.
 
     All arrays may have leading dimensions of members.
 
@@ -239,14 +240,14 @@ def close_leading(
     """
     total = length.sum(axis=-1, keepdims=True)
     share = (length / total)[..., None]
-    chord_tension = stiffness * (chord / total - 1.0 + 0.5 * (squared @ share)[..., 0])
-    chord_tension = chord_tension - (tau @ (share if compliance is None else share * compliance[:, None]))[..., 0]
-    stretch = (chord_tension[..., None] + tau) / np.asarray(stiffness)[..., None]
+    load = (tau @ (share if compliance is None else share * compliance[:, None]))[..., 0]
+    tension = closure_tension(stiffness, chord / total, load, 0.5 * stiffness * (squared @ share)[..., 0])
+    stretch = (tension[..., None] + tau) / np.asarray(stiffness)[..., None]
     if compliance is not None:
         stretch *= compliance
     stretch -= 0.5 * squared
     stretch += 1.0
-    return chord_tension, stretch
+    return tension, stretch
 
 
 def close_outputs(
@@ -311,10 +312,11 @@ def stretch_derivatives(
         by_force = np.ones(model.chain.links) if compliance is None else compliance
         return by_force, np.broadcast_to(model.slope_factor, stretch.shape)
     if model.green:
-        tangent = 3.0 * stretch * stretch + squared - 1.0
-        return 2.0 / tangent, 2.0 * stretch / tangent
-    cube = (stretch * stretch + squared) ** 1.5
-    return cube / (cube - squared), stretch / (cube - squared)
+        by_force = 1.0 / green_tangent_along(squared, stretch)
+        return by_force, by_force * stretch
+    inverse = 1.0 / np.sqrt(stretch * stretch + squared)
+    by_force = 1.0 / linear_tangent_along(squared, inverse)
+    return by_force, by_force * stretch * inverse**3
 
 
 def velocities(

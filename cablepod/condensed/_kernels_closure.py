@@ -10,11 +10,12 @@ import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_layout import LeadingTerms, Sizes
+from cablepod.discretisation._kernels_laws import closure_tension
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _chord_tensions(sizes, terms, row, q, tension):
-    """Fill H (lanes) [N] by the closure to leading order, from the integral of zeta' = 1 + N / K - w'^2 / 2 over the length.
+    """Fill H (lanes) [N] by the closure to leading order.
 
     H = K (c / L0 - 1) - sum_a g_a mean_a + K / (2 L0) sum_j kappa_j q_j^2
 
@@ -23,12 +24,14 @@ def _chord_tensions(sizes, terms, row, q, tension):
     """
     lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
     for m in range(lanes):
-        tension[m] = terms.stiffness[m] * (row[m] * terms.inverse_length[m] - 1.0)
+        load, squares = 0.0, 0.0
         for a in range(patterns):
-            tension[m] -= row[(1 + a) * lanes + m] * terms.mean_chordwise_forces[a * lanes + m]
+            load += row[(1 + a) * lanes + m] * terms.mean_chordwise_forces[a * lanes + m]
         for j in range(size):
             k = j * lanes + m
-            tension[m] += terms.sag_stiffness[m] * terms.kappa[k] * q[k] * q[k]
+            squares += terms.kappa[k] * q[k] * q[k]
+        stretch, sag = row[m] * terms.inverse_length[m], terms.sag_stiffness[m] * squares
+        tension[m] = closure_tension(terms.stiffness[m], stretch, load, sag)
 
 
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)

@@ -205,7 +205,7 @@ def _record_exact(terms, stretch, closure, number, low, high, monitor):
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
-def _mean_stretch(weights, stretch, slope_squared):
+def mean_stretch(weights, stretch, slope_squared):
     """Return the mean stretch of the cable from chordwise stretch and squared slopes at points with weights (m,)."""
     total, length = 0.0, 0.0
     for j in range(weights.size):
@@ -263,7 +263,7 @@ def exact_verlet(
                 _subtract_tension_damping(exact, rate_terms.tension_damping, rates, work, f)
             _subtract_modal_damping(rate_terms.modal_damping, rates, f)
             if air is not None:
-                stretch = _mean_stretch(exact.weights, predicted, work.closure[SLOPE_SQUARED])
+                stretch = mean_stretch(exact.weights, predicted, work.closure[SLOPE_SQUARED])
                 _add_held_drag(air, q, rates, stretch, True, number, step, f)
         _accelerate(exact.inertia, work.mass, f)
         _monitor_frequency(sizes, terms, bounds, row, q, tension, number, monitor)

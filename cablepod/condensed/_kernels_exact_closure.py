@@ -15,7 +15,7 @@ from cablepod.condensed._kernels_layout import (
     RESIDUAL,
     SLOPE_SQUARED,
 )
-from cablepod.discretisation._kernels_laws import green_secant, linear_secant
+from cablepod.discretisation._kernels_laws import green_along, green_secant, linear_along, linear_secant
 
 #: Relative tolerance of Newton's method for a step: estimated next correction over the largest coordinate.
 NEWTON_RTOL = 1e-11
@@ -45,13 +45,13 @@ def _newton(green, strain, squared, stretch):
     """
     if green is None:  # with two divisions, which take most of the time
         inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-        bending = squared * inverse * inverse * inverse
-        inverse_tangent = 1.0 / (1.0 - bending)
+        tangent = linear_along(squared, inverse)
+        bending, inverse_tangent = 1.0 - tangent, 1.0 / tangent
         correction = (strain - stretch * linear_secant(inverse, 1.0)) * inverse_tangent
         return correction, inverse_tangent, abs(1.5 * stretch * bending * inverse * inverse * inverse_tangent)
-    inverse_tangent = 1.0 / (3.0 * stretch * stretch + squared - 1.0)
-    correction = 2.0 * (strain - stretch * green_secant(stretch * stretch + squared, 1.0)) * inverse_tangent
-    return correction, 2.0 * inverse_tangent, abs(3.0 * stretch * inverse_tangent)
+    inverse_tangent = 1.0 / green_along(squared, stretch)
+    correction = (strain - stretch * green_secant(stretch * stretch + squared, 1.0)) * inverse_tangent
+    return correction, inverse_tangent, abs(1.5 * stretch * inverse_tangent)
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)

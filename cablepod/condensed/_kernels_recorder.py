@@ -14,6 +14,7 @@ from cablepod.condensed._kernels_layout import (
     MIN_FORCE_STEP,
     OMEGA_SQUARED_LIMIT,
     UNSTABLE_STEP,
+    Links,
     Sizes,
 )
 
@@ -59,49 +60,49 @@ def _monitor_step(sizes, terms, bounds, row, q, tension, number, monitor):
     _monitor_frequency(sizes, terms, bounds, row, q, tension, number, monitor)
 
 
+@compiled(fastmath=REORDERED_FUSED, forceinline=True, literal=False, counted=False)
+def _link_tension(sizes, links, row, q, tension, j, m):
+    """Return the tension [N] of link j in lane m to leading order, (H + tau) sqrt(1 + w'^2)."""
+    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
+    # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
+    k = np.uintp(j * lanes + m)
+    across, out_of_plane, force = 0.0, 0.0, tension[m]
+    for i in range(size):
+        slope = links.slopes[i, k] * q[np.uintp(i * lanes + m)]
+        across += slope if i < links.in_plane else 0.0
+        out_of_plane += 0.0 if i < links.in_plane else slope
+    for a in range(patterns):
+        force += row[np.uintp((1 + a) * lanes + m)] * links.force_patterns[a, k]
+    return force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)
+
+
 @compiled(fastmath=REORDERED_FUSED, noalias=True, literal=False, counted=False)
 def _update_extremes(sizes, links, row, q, tension):
-    """Update the extremes by the tensions of the links to leading order, (H + tau) sqrt(1 + w'^2)."""
-    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
+    """Update the extremes by the tensions of the links."""
+    lanes = len(sizes.lanes)
     for j in range(links.low.size // lanes):
         for m in range(lanes):
-            # indices without sign: a negative one would count from the end, a test that keeps loops from being vectorised
-            k = np.uintp(j * lanes + m)
-            across, out_of_plane, force = 0.0, 0.0, tension[m]
-            for i in range(size):
-                slope = links.slopes[i, k] * q[np.uintp(i * lanes + m)]
-                across += slope if i < links.in_plane else 0.0
-                out_of_plane += 0.0 if i < links.in_plane else slope
-            for a in range(patterns):
-                force += row[np.uintp((1 + a) * lanes + m)] * links.force_patterns[a, k]
-            value = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)
+            k, value = np.uintp(j * lanes + m), _link_tension(sizes, links, row, q, tension, j, m)
             links.low[k] = value if value < links.low[k] else links.low[k]
             links.high[k] = value if value > links.high[k] else links.high[k]
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
 def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, chord_tension, rows, tension):
-    """Fill the tensions of links of members (rows, times, links) [N] for coordinates q, see :func:`_update_extremes`.
+    """Fill the tensions of links of members (rows, times, links) [N] for coordinates q, see :func:`_link_tension`.
 
     Arrays have a leading dimension of members: boundary data of the instants (times, columns), q (times, r), the other tables as
     in :class:`cablepod.condensed._kernels_layout.Links`, with one lane; `rows` are those of the members in `tension` (members,).
     `chord_tension` (1,) is a work array.
     """
-    _, times, r = q.shape
+    times = q.shape[1]
     for m in range(q.shape[0]):
         own = _of_member(terms, m)
         sizes = Sizes(
             (0,), q[m, 0], own.mean_chordwise_forces, chord_tension
         )  # the loads along the normals do not count
+        links = Links(slopes[m], in_plane, force_patterns[m], chord_tension, chord_tension)  # without extremes
         for t in range(times):
             _chord_tensions(sizes, own, boundary_data[m, t], q[m, t], chord_tension)
             for j in range(tension.shape[2]):
-                across, out_of_plane, force = 0.0, 0.0, chord_tension[0]
-                for i in range(r):
-                    if i < in_plane:
-                        across += slopes[m, i, j] * q[m, t, i]
-                    else:
-                        out_of_plane += slopes[m, i, j] * q[m, t, i]
-                for a in range(force_patterns.shape[1]):
-                    force += boundary_data[m, t, 1 + a] * force_patterns[m, a, j]
-                tension[rows[m], t, j] = force * math.sqrt(1.0 + across * across + out_of_plane * out_of_plane)
+                tension[rows[m], t, j] = _link_tension(sizes, links, boundary_data[m, t], q[m, t], chord_tension, j, 0)

@@ -25,6 +25,8 @@ from cablepod.condensed._kernels_layout import (
 )
 from cablepod.condensed._newton import equilibria, leading_forces
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._formulas import closure_tension
+from cablepod.discretisation._lifting import line_between
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.discretisation._step_limit import largest_frequencies_squared
 
@@ -202,8 +204,7 @@ class CondensedModel(Coefficients):
             return None
         frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.reference)
         sigma = self.chain.arc_length / self.chain.total_length
-        velocity = rates[0] + sigma[:, None] * (rates[1] - rates[0])
-        return -np.einsum("pc,kc->kp", velocity, frame.normals[0])
+        return -np.einsum("pc,kc->kp", line_between(rates, sigma), frame.normals[0])
 
     @cached_property
     def first_guess(self) -> np.ndarray | None:
@@ -338,7 +339,7 @@ class CondensedModel(Coefficients):
             self.tension_guess(boundary_data, q),
         )
         kernel.exact_force(terms, boundary_data, q, np.zeros_like(q), guess, work, np.empty_like(q))
-        return float(np.average(np.sqrt(work.stretch[0] ** 2 + work.closure[SLOPE_SQUARED]), weights=terms.weights))
+        return float(kernel.mean_stretch(terms.weights, work.stretch[0], work.closure[SLOPE_SQUARED]))
 
     def exact_work(self, boundary_data: np.ndarray, *, tangent: bool) -> ExactWork:
         """Return work arrays of the exact forces with a first guess of the stretch, with a tangent or without."""
@@ -352,11 +353,8 @@ class CondensedModel(Coefficients):
         """Return a first guess of H [N]: that to leading order, with a lower bound for large slopes."""
         chain, k = self.chain, self.chain.p.stiffness
         sag = 0.5 * k / chain.total_length * float(self.slope_norms_squared @ q**2)
-        leading = (
-            k * (boundary_data[0] / chain.total_length - 1.0)
-            - boundary_data[1 : 1 + self.mean_chordwise_forces.size] @ self.mean_chordwise_forces
-            + sag
-        )
+        load = boundary_data[1 : 1 + self.mean_chordwise_forces.size] @ self.mean_chordwise_forces
+        leading = closure_tension(k, boundary_data[0] / chain.total_length, load, sag)
         # lower bound: H that carries the transverse loads with a sag of an eighth of the length
         transverse = np.abs(boundary_data[1 + self.mean_chordwise_forces.size :]).sum() * chain.total_length / 8.0
         return max(leading, transverse, 1e-6 * k)

@@ -90,9 +90,17 @@ def chordwise_inertia(
     length, arc_length, tributary_length
         Unstretched lengths of the links (n,), arc lengths and tributary lengths of the particles (n + 1,) [m].
     """
-    sums = np.cumsum(slope_products * length, axis=-1)
-    displacements = sums - sums[..., -1:] * (arc_length[1:] / arc_length[-1])
-    return (displacements * tributary_length[1:]) @ np.swapaxes(displacements, -1, -2)
+    moved = between_held_ends(slope_products * length, arc_length[1:] / arc_length[-1])
+    return (moved * tributary_length[1:]) @ np.swapaxes(moved, -1, -2)
+
+
+def between_held_ends(lengthening: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Return the chordwise displacements of the upper particles of links that lengthen (..., n) between held ends.
+
+    All links take back what is left over to the ends; `shares` are those of the links up to each particle (..., n), 1 at last.
+    """
+    sums = np.cumsum(lengthening, axis=-1)
+    return sums - sums[..., -1:] * shares
 
 
 def orthogonal_coordinates(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,17 +1,17 @@
-"""Compiled material laws, see ``_laws.py``."""
+"""Compiled formulas, see ``_formulas.py``."""
 
 from __future__ import annotations
 
 from cablepod._jit import compiled
-from cablepod.discretisation._formulas import damping_by_tension as by_tension
-from cablepod.discretisation._formulas import green_secant as green
-from cablepod.discretisation._formulas import linear_secant as linear
-from cablepod.discretisation._formulas import viscous_secant as viscous
+from cablepod.discretisation import _formulas
 
-linear_secant, green_secant, viscous_secant, damping_by_tension = (
+linear_secant, green_secant, viscous_secant, damping_by_tension, linear_along, green_along, closure_tension, on_line = (
     compiled(formula, forceinline=True, counted=False, no_cpython_wrapper=True)
-    for formula in (linear, green, viscous, by_tension)
-)
+    for formula in (
+        _formulas.linear_secant, _formulas.green_secant, _formulas.viscous_secant, _formulas.damping_by_tension,
+        _formulas.linear_tangent_along, _formulas.green_tangent_along, _formulas.closure_tension, _formulas.on_line,
+    )
+)  # fmt: skip
 
 
 @compiled(forceinline=True, counted=False, no_cpython_wrapper=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cablepod._jit import REORDERED, compiled
+from cablepod.discretisation._kernels_laws import on_line
 
 
 @compiled(fastmath=REORDERED)
@@ -29,7 +30,7 @@ def damping_forces(modal, rates, first, relative, forces):
     for j in range(size // dims):
         sigma = modal.sigma[first + j]
         for c in range(dims):
-            relative[dims * j + c] = rates[c, first + j] - ((1.0 - sigma) * rates[c, 0] + sigma * rates[c, last])
+            relative[dims * j + c] = rates[c, first + j] - on_line(rates[c, 0], rates[c, last], sigma)
     for j in range(size // dims):
         for c in range(dims):
             row, total = dims * j + c, 0.0

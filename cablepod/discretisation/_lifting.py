@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cablepod.discretisation._formulas import on_line
+
 
 def weights_of_ends(sigma: np.ndarray) -> np.ndarray:
     """Return the weights (2, P) of lower and upper end in their straight line at the relative arc lengths `sigma` (P,)."""
@@ -12,5 +14,4 @@ def weights_of_ends(sigma: np.ndarray) -> np.ndarray:
 
 def line_between(ends: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return points (..., P, dims) of the straight lines between `ends` (..., 2, dims) at relative arc lengths `sigma` (P,)."""
-    lower, upper = weights_of_ends(sigma)[..., None]
-    return lower * ends[..., :1, :] + upper * ends[..., 1:, :]
+    return np.asarray(on_line(ends[..., :1, :], ends[..., 1:, :], sigma[:, None]))

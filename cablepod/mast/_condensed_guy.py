@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.catenary._end_stiffness import gauss_rule
+from cablepod.discretisation._formulas import closure_tension
 from cablepod.errors import SceneError
 from cablepod.mast._static_guys import GuyStatics, StaticGuy
 
@@ -167,7 +168,7 @@ class GuySet:
     def _tension(self, q: np.ndarray, chord: np.ndarray) -> np.ndarray:
         """Return the mean chordwise forces (guys,) [N]."""
         sag = 0.5 * (1.0 - 2.0 * self.strain) * (self.kappa * q * q).sum(axis=-1)
-        return self.stiffness * (chord / self.length - 1.0 + sag / self.length)
+        return closure_tension(self.stiffness, chord / self.length, 0.0, self.stiffness * sag / self.length)
 
     def forces(self, q: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return forces on coordinates (guys, 2 r) and on the ends at fixed coordinates (guys, 3): slopes of minus the energy."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.condensed._fields import close, link_tensions
-from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.condensed._fields import close, link_tensions, positions_of
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 from cablepod.periodic._solve import State
 
@@ -79,12 +78,8 @@ def positions(model: PeriodicModel, q: np.ndarray, stretch: np.ndarray, phase: n
     """Return positions (phases, particle, coordinate) [m]; of a planar scene with three coordinates if it leaves the plane."""
     condensed, chain = model.condensed, model.condensed.chain
     ends = chain.p.end_positions(phase)
-    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], condensed.reference)
-    along = np.zeros((len(q), chain.links + 1))
-    np.cumsum(stretch * chain.length, axis=1, out=along[:, 1:])
     deflection = deflections(model, q)
-    result = frame.join(ends[:, 0], along, deflection[: chain.p.dims - 1])
-    result[:, -1] = ends[:, 1]
+    result = positions_of(condensed, stretch, deflection[: chain.p.dims - 1], ends)
     if chain.p.dims == 2 and len(deflection) > 1 and deflection[1].any():
         result = np.concatenate([result, deflection[1][:, :, None]], axis=2)
     return result

@@ -13,7 +13,10 @@ import cablepod
 
 #: Term -> its file, the line of its sign, and that line with the other sign.
 SIGNS = {
-    "closure": ("condensed/_kernels_closure.py", "tension[m] += terms.sag_stiffness[m]", "tension[m] -= terms.sag_stiffness[m]"),
+    "closure": (
+        "discretisation/_formulas.py", "return stiffness * (stretch - 1.0) - load + sag",
+        "return stiffness * (stretch - 1.0) - load - sag",
+    ),
     "drag": (
         "condensed/_kernels_drag.py", "return chordwise * normal - slope * along", "return chordwise * normal + slope * along"
     ),
