@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cablepod.condensed._coefficients import from_momenta
 from cablepod.condensed._error_coefficients import Cables, scaled_terms, unit_coefficients
 from cablepod.condensed._error_equation import LinkSlopes, errors_at_rest, mean_squares
 from cablepod.condensed._estimate import (
@@ -148,12 +149,7 @@ def _motions_and_errors(
     error = errors_at_rest(terms, q[:, 0], members.rows_at(np.zeros(1), moving=False)[:, 0])
     error_rates, speeds = np.zeros_like(error), members.speeds_of_frames
     if speeds is not None:
-        coordinates = np.zeros_like(momenta)
-        for which in model.sets:  # shapes are orthonormal in mass and chordwise inertia, not in mass alone
-            gram = (shapes[:, which] * model.chain.tributary_length * mass[:, None]) @ np.swapaxes(
-                shapes[:, which], 1, 2
-            )
-            coordinates[:, which] = np.linalg.solve(gram, momenta[:, which, None])[:, :, 0]
+        coordinates = from_momenta(momenta, shapes, mass * model.chain.tributary_length, model.sets)
         of_enriched = speeds[:, None] @ terms.enriched.load_projection.reshape(*speeds.shape, -1)
         error_rates = (of_enriched - coordinates[:, None] @ np.swapaxes(change, 1, 2))[:, 0]
     before, after = rates[:, :, 0], rates[:, :, 1]
@@ -183,5 +179,4 @@ def motions_of(members: MemberCoefficients, q: np.ndarray, interval: float) -> n
     if p.dims == 3:
         normals = np.concatenate([normals, np.cross(reach / chord[:, None], members.reference)[:, None]], axis=1)
     normals = np.repeat(normals, [of_upper[:, which].shape[1] for which in unit.sets], axis=1)
-    largest = np.sqrt(largest_motions(q, ends, (p.mass * members.total)[:, None], normals, of_lower, of_upper))
-    return np.where(largest > 1e-9 * chord, largest, chord)
+    return largest_motions(q, ends, chord, (p.mass * members.total)[:, None], normals, of_lower, of_upper)

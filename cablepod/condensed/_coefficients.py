@@ -352,3 +352,16 @@ class Coefficients:
         """First normal at the start (dims,), which the normals refer to, so that they hardly turn about the chord."""
         lower, upper = self.chain.p.initial_ends
         return normals_at_start(upper - lower)
+
+
+def from_momenta(momenta: np.ndarray, shapes: np.ndarray, mass: np.ndarray, sets: tuple[slice, ...]) -> np.ndarray:
+    """Return coordinates (..., r) whose deflections have the momenta of the shapes (..., r).
+
+    Shapes (..., r, particle) are orthonormal in mass and chordwise inertia, not in the mass (..., particle) alone.
+    """
+    result = np.zeros_like(momenta)
+    for which in sets:
+        of_set = shapes[..., which, :]
+        gram = (of_set * mass[..., None, :]) @ np.swapaxes(of_set, -1, -2)
+        result[..., which] = np.linalg.solve(gram, momenta[..., which, None])[..., 0]
+    return result

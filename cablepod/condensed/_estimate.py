@@ -22,6 +22,7 @@ from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, runn
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._lifting import line_between
+from cablepod.integrate._comparison import motion_or_chord
 
 #: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the
 #: exact closure on all links, and their residual is taken there.
@@ -190,9 +191,8 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
     if not model.is_uniform:
         return _motion_of_particles(model, q, ends)
     means = [array[None] for array in _means_of_shapes(model)]
-    square = largest_motions(q[None], None if ends is None else ends[None], model.root_total_mass**2, *means)
-    largest, chord = math.sqrt(square[0]), model.chain.chord
-    return largest if largest > 1e-9 * chord else chord
+    of_ends = None if ends is None else ends[None]
+    return float(largest_motions(q[None], of_ends, model.chain.chord, model.root_total_mass**2, *means)[0])
 
 
 def _motion_of_particles(model: CondensedModel, q: np.ndarray, ends: np.ndarray | None) -> float:
@@ -205,27 +205,29 @@ def _motion_of_particles(model: CondensedModel, q: np.ndarray, ends: np.ndarray 
     for which, normal in zip(model.sets, normals, strict=True):
         moved += ((q - q[:1])[:, which] @ model.shapes[which])[:, :, None] * normal
     squares = (moved * moved).sum(axis=2) @ chain.tributary_length / chain.total_length
-    largest, chord = math.sqrt(squares.max()), model.chain.chord
-    return largest if largest > 1e-9 * chord else chord
+    return float(motion_or_chord(math.sqrt(squares.max()), chain.chord))
 
 
 def largest_motions(
     q: np.ndarray,
     ends: np.ndarray | None,
+    chord: float | np.ndarray,
     mass: float | np.ndarray,
     normals: np.ndarray,
     of_lower: np.ndarray,
     of_upper: np.ndarray,
 ) -> np.ndarray:
-    """Return the largest mean square displacements from the start: of the line between the ends and of the deflection [m^2].
+    """Return the largest rms displacements from the start, of the line between the ends and of the deflection [m].
 
-    With displacements a and b of the ends and changes d of the coordinates it is (a.a + a.b + b.b) / 3 plus the sums of
+    With displacements a and b of the ends and changes d of the coordinates their square is (a.a + a.b + b.b) / 3 plus the sums of
     2 d (a.n u + b.n v) and of d^2 over the mass.
 
     Parameters
     ----------
     q, ends
         Coordinates (members, samples, r), and positions of the ends (members, samples, 2, dims) [m]; None where no end moves.
+    chord
+        Distance of the ends, for members that do not move, a number or (members,) [m].
     mass
         Mass of the cable, a number or (members, 1) [kg].
     normals, of_lower, of_upper
@@ -240,7 +242,7 @@ def largest_motions(
         normal = np.swapaxes(normals, 1, 2)
         across = lower @ (normal * of_lower[:, None]) + upper @ (normal * of_upper[:, None])
         square += 2.0 * (change * across).sum(axis=2)
-    return np.maximum(square.max(axis=1), 0.0)
+    return np.asarray(motion_or_chord(np.sqrt(np.maximum(square.max(axis=1), 0.0)), chord))
 
 
 def motion_or_missed(motion: float, chord: float, squares: np.ndarray) -> float:

@@ -8,31 +8,33 @@ from cablepod._jit import compiled
 from cablepod.parameters._kernels_sines import ROTATIONS, ramp_ends, rotate, start_rotations, steps_of_ramps
 
 
+@compiled(forceinline=True, counted=False)
+def _spatial_axes(x, y, z, a, b, c):
+    """Return the length [m] of a vector (x, y, z), its direction and normals, the first closest to the unit vector (a, b, c)."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    inverse = 1.0 / distance
+    x, y, z = x * inverse, y * inverse, z * inverse
+    cosine = a * x + b * y + c * z
+    inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
+    a, b, c = (a - cosine * x) * inverse, (b - cosine * y) * inverse, (c - cosine * z) * inverse
+    return distance, x, y, z, a, b, c, b * z - c * y, c * x - a * z, a * y - b * x
+
+
 @compiled(inline="always")
 def _complete_axes(axes, dims, reference):
     """Change the vector in the first row of `axes` (dims, dims) into a direction, fill its normals; return its length [m].
 
     In space the first normal is the one closest to the unit vector `reference`.
     """
-    chord = 0.0
-    for d in range(dims):
-        chord += axes[0, d] * axes[0, d]
-    chord = math.sqrt(chord)
-    inverse = 1.0 / chord
-    for d in range(dims):
-        axes[0, d] *= inverse
+    x, y = axes[0, 0], axes[0, 1]
     if dims == 2:
+        chord = math.sqrt(x * x + y * y)
+        axes[0, 0], axes[0, 1] = x / chord, y / chord
         axes[1, 0], axes[1, 1] = axes[0, 1], -axes[0, 0]
         return chord
-    cosine = 0.0
-    for d in range(3):
-        cosine += axes[0, d] * reference[d]
-    inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
-    for d in range(3):
-        axes[1, d] = (reference[d] - cosine * axes[0, d]) * inverse
-    for d in range(3):
-        j, k = (d + 1) % 3, (d + 2) % 3
-        axes[2, d] = axes[1, j] * axes[0, k] - axes[1, k] * axes[0, j]
+    (
+        chord, axes[0, 0], axes[0, 1], axes[0, 2], axes[1, 0], axes[1, 1], axes[1, 2], axes[2, 0], axes[2, 1], axes[2, 2]
+    ) = _spatial_axes(x, y, axes[0, 2], reference[0], reference[1], reference[2])  # fmt: skip
     return chord
 
 
@@ -83,18 +85,12 @@ def spatial_frames_of_lanes(lanes, patterns, ends, end_accelerations, load, mass
     """
     width, count = len(lanes), len(patterns)
     for m in range(width):
-        x, y, z = ends[0, m] - ends[3, m], ends[1, m] - ends[4, m], ends[2, m] - ends[5, m]
-        distance = math.sqrt(x * x + y * y + z * z)
-        inverse = 1.0 / distance
-        row[m], axes[0, m], axes[1, m], axes[2, m] = distance, x * inverse, y * inverse, z * inverse
-    for m in range(width):
-        x, y, z = axes[0, m], axes[1, m], axes[2, m]
-        a, b, c = reference[0, m], reference[1, m], reference[2, m]
-        cosine = a * x + b * y + c * z
-        inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
-        a, b, c = (a - cosine * x) * inverse, (b - cosine * y) * inverse, (c - cosine * z) * inverse
-        axes[3, m], axes[4, m], axes[5, m] = a, b, c
-        axes[6, m], axes[7, m], axes[8, m] = b * z - c * y, c * x - a * z, a * y - b * x
+        (
+            row[m], axes[0, m], axes[1, m], axes[2, m], axes[3, m], axes[4, m], axes[5, m], axes[6, m], axes[7, m], axes[8, m]
+        ) = _spatial_axes(
+            ends[0, m] - ends[3, m], ends[1, m] - ends[4, m], ends[2, m] - ends[5, m],
+            reference[0, m], reference[1, m], reference[2, m],
+        )  # fmt: skip
     for k in range(3):
         for m in range(width):
             x, y, z = axes[3 * k, m], axes[3 * k + 1, m], axes[3 * k + 2, m]

@@ -11,7 +11,7 @@ import numpy as np
 from cablepod.chain._air import ChainAir
 from cablepod.chain._start import start
 from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
-from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._coefficients import Coefficients, from_momenta
 from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities, longest_chord
 from cablepod.condensed._kernels_layout import (
     SLOPE_SQUARED,
@@ -146,13 +146,7 @@ class CondensedModel(Coefficients):
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, times, particle) [m] onto the coordinates (times, r)."""
         momenta = self.momenta(deflection)
-        if self.reference_state is None:
-            return momenta
-        parts = []
-        for which in self.sets:  # shapes are orthonormal in mass and chordwise inertia, not in mass alone
-            gram = (self.shapes[which] * self.mass) @ self.shapes[which].T
-            parts.append(np.linalg.solve(gram, momenta[:, which].T).T)
-        return np.concatenate(parts, axis=1)
+        return momenta if self.reference_state is None else from_momenta(momenta, self.shapes, self.mass, self.sets)
 
     def momenta(self, deflection_rates: np.ndarray) -> np.ndarray:
         """Project rates of deflections (normals, times, particle) [m/s] onto rates of the coordinates (times, r), as impulses."""

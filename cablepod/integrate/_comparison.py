@@ -18,7 +18,12 @@ ROUNDING_OF_STEPS = 30.0
 def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:
     """Return the largest rms displacement from the initial shape, or the chord if nothing moves: the divisor of errors [m]."""
     largest = float(np.sqrt(np.mean(np.sum((position - initial) ** 2, axis=-1), axis=-1)).max(initial=0.0))
-    return largest if largest > 1e-9 * chord else chord
+    return float(motion_or_chord(largest, chord))
+
+
+def motion_or_chord(largest: Any, chord: Any) -> Any:
+    """Return the largest displacement, or the chord if nothing moves [m]; numbers or members."""
+    return np.where(largest > 1e-9 * chord, largest, chord)
 
 
 def tension_distance(fine: np.ndarray, coarse: np.ndarray, rounding: float = 0.0) -> float:
