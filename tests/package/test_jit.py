@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import gc
 import importlib
+import pkgutil
 import re
 import shutil
 import sys
@@ -16,6 +17,7 @@ from children import environment, run_python
 from numba.core.errors import TypingError
 from suite import slow
 
+import cablepod
 from cablepod import _jit
 
 CALLER = """
@@ -201,14 +203,9 @@ def test_the_search_for_garbage_goes_on_after_a_compilation(collecting):
 
 def test_kernels_that_take_arrays_from_an_uncounted_one_count_no_references_either():
     # a counted caller would free the arrays that _of_member returns, which count for the arguments
-    from cablepod.condensed import _kernels_closure, _kernels_error, _kernels_recorder
-
-    modules = _kernels_closure, _kernels_error, _kernels_recorder
-    callers = [
-        kernel
-        for module in modules
-        for kernel in vars(module).values()
-        if "_of_member" in getattr(getattr(kernel, "py_func", None), "__code__", compile("", "", "exec")).co_names
-    ]
-    assert len(callers) == 4
-    assert all(kernel.targetoptions.get("_nrt") is False for kernel in callers)
+    names = [item.name for item in pkgutil.walk_packages(cablepod.__path__, "cablepod.") if "._kernels" in item.name]
+    modules = [importlib.import_module(name) for name in names]
+    kernels = {kernel for module in modules for kernel in vars(module).values() if hasattr(kernel, "py_func")}
+    callers = [kernel for kernel in kernels if "_of_member" in kernel.py_func.__code__.co_names]
+    assert callers
+    assert [kernel.py_func.__qualname__ for kernel in callers if kernel.targetoptions.get("_nrt") is not False] == []
