@@ -15,8 +15,8 @@ from cablepod.archive._manifest import MAPS, read_manifest, time_errors
 from cablepod.archive._table import write_table
 from cablepod.batch._stack import is_varied
 from cablepod.errors import SceneError
+from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
 from cablepod.integrate._peak_error import MAX_PEAK_ERROR, along_members, peak_errors, slack_members
-from cablepod.mast._fatigue import EXPONENT, FREQUENCY
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 TABLE, PICTURE = MAPS

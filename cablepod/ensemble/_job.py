@@ -32,7 +32,7 @@ from cablepod.batch._stack import is_varied
 from cablepod.conventions import attribute_labels
 from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
-from cablepod.mast._fatigue import guy_fatigue
+from cablepod.mast._output import guy_fatigue
 
 #: File that holds the lock of the folder and the word of its run.
 LOCK = ".cablepod-lock"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, wraps
 from typing import Any, TypeVar
@@ -152,23 +152,14 @@ class Beam:
         zero = np.zeros_like(matrix)
         return np.block([[matrix, zero], [zero, matrix]])
 
-    def node(self, height: float) -> int:
-        """Return the number of the node at a height [m]."""
-        return int(np.abs(self.height - height).argmin())
-
-    def displacement_rows(self, nodes: np.ndarray) -> np.ndarray:
-        """Return the matrix from the unknowns to the displacement of nodes in x and z (nodes, 2, count)."""
-        result = np.zeros((len(nodes), 2, self.count))
-        for row, node in enumerate(nodes):
-            where = np.flatnonzero(self.free == 2 * node)
-            for direction in range(2):
-                result[row, direction, direction * self.free.size + where] = 1.0
-        return result
-
     @cached_property
     def all_rows(self) -> np.ndarray:
         """Matrix from the unknowns to the displacement of all nodes in x and z (node, 2, count)."""
-        return self.displacement_rows(np.arange(self.height.size))
+        return self.along_both(np.eye(2 * self.height.size)[::2])
+
+    def rows_at(self, heights: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Return the matrix from the unknowns to the displacement of the nodes at heights [m] in x and z (heights, 2, count)."""
+        return self.all_rows[np.abs(self.height - np.reshape(heights, (-1, 1))).argmin(axis=1)]
 
     def section_rows(self, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return the matrix from the unknowns to the section forces in x and z (node + element ends, 2, count).

@@ -10,8 +10,7 @@ import numpy as np
 from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, warn
 from cablepod.mast._air import drive_of
-from cablepod.mast._breaks import steps_of_breaks
-from cablepod.mast._kernels_layout import GuyEnds, StaticTerms, StaticWind
+from cablepod.mast._kernels_layout import StaticTerms, StaticWind
 from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory
@@ -107,8 +106,7 @@ class CatenaryGuys:
         places = np.repeat([[np.inf], [-np.inf]], count, axis=1)
         anchors = np.array([guy.p.lower[[0, 2]] for guy in self.guys]).reshape(-1, 2)
         result = march(
-            mast, request, mast.step_matrices_with(mast.guy_masses, step), drive,
-            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), mast.guy_masses), forces,
+            mast, request, mast.step_matrices_with(mast.guy_masses, step), drive, mast.guy_masses, forces,
             static=StaticTerms(anchors, first, spacing, horizontal, vertical, places), guy_wind=wind,
         )  # fmt: skip
         status = result.status

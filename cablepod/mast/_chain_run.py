@@ -14,7 +14,6 @@ from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
 from cablepod.mast._air import drive_of
-from cablepod.mast._breaks import steps_of_breaks
 from cablepod.mast._kernels_layout import (
     BODY,
     DRAG,
@@ -24,7 +23,6 @@ from cablepod.mast._kernels_layout import (
     PLACE,
     ChainTerms,
     ChainWind,
-    GuyEnds,
 )
 from cablepod.mast._march import march
 from cablepod.mast._model import ModalMast
@@ -171,8 +169,7 @@ class ChainGuys:
             if self.air is not None:
                 forces[g] += self._top_drag(g, x)
         return march(
-            mast, request, mast.step_matrices_with(self.end_mass, step), drive,
-            GuyEnds.with_masses(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), self.end_mass), forces,
+            mast, request, mast.step_matrices_with(self.end_mass, step), drive, self.end_mass, forces,
             chains=self._terms(limit), guy_wind=wind,
         )  # fmt: skip
 

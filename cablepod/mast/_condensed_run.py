@@ -12,14 +12,13 @@ from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.errors import scene_error
 from cablepod.mast._air import Drive, along_guys, drive_of, steady_along_guys
 from cablepod.mast._beam import kept
-from cablepod.mast._breaks import broken_at_outputs, steps_of_breaks
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set, sines
-from cablepod.mast._condensed_lanes import Lanes
-from cablepod.mast._kernels_layout import CondensedScheme, CondensedState, GuyEnds
+from cablepod.mast._condensed_lanes import Lanes, damping_of, terms_of, watched, wind_of
+from cablepod.mast._kernels_layout import CondensedScheme, CondensedState, CondensedTerms, CondensedWind
 from cablepod.mast._march import constant_forces, march
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared, with_guys
 from cablepod.mast._request import MastRequest, MastTrajectory
-from cablepod.wind._drag import STEP_OVER_DRAG_LIMIT, drag_step_limit
+from cablepod.wind._drag import STEP_OVER_DRAG_LIMIT, drag_of, drag_step_limit
 from cablepod.wind._mast_air import MastAir, mean_mast_air
 
 #: Gauss points of the drag beyond the number of modes.
@@ -77,7 +76,7 @@ class CondensedGuys:
         from cablepod.mast import _kernels_condensed as kernel  # numba is imported only to compute
 
         guys, lanes = self.guys, self.lanes
-        terms, wind = lanes.terms, lanes.wind(np.empty((0, 0)))
+        terms, wind = self.terms, self.wind(air, np.empty((0, 0)))
         state = CondensedState.of(np.zeros(terms.kappa.shape), np.zeros((0, 3, *terms.kappa.shape)))
         wind.air[:] = steady_along_guys(air, self.drag_points, lanes.size).ravel()
         state.stretch[: guys.count] = guys.frame(guys.upper)[0] / guys.length
@@ -101,8 +100,18 @@ class CondensedGuys:
 
     @cached_property
     def lanes(self) -> Lanes:
-        """Arrays of the kernels."""
-        return Lanes(self)
+        """Places of guys and modes in the arrays of the kernels."""
+        return Lanes(self.guys.count, self.rank)
+
+    @cached_property
+    def terms(self) -> CondensedTerms:
+        """Coefficients of the guys for the kernels."""
+        return terms_of(self.lanes, self.guys, self.axes)
+
+    def wind(self, air: MastAir, velocity: np.ndarray) -> CondensedWind:
+        """Return the drag of an air for the kernels, for its velocities at the points of the drag (samples, 3 points lanes)."""
+        drag = np.array([drag_of(guy.p, air.density) for guy in self.mast.rest.p.guys])
+        return wind_of(self.lanes, self.guys, drag, self.drag_points, velocity)
 
     @property
     def drag_points(self) -> int:
@@ -182,16 +191,18 @@ class CondensedGuys:
         matrices, fitted = self.scheme(step)
         half = 0.5 * mast.rest.p.mass_damping * step
         scheme = CondensedScheme(
-            (1.0 - half) / (1.0 + half), lanes.coordinates(step * fitted / (1.0 + half)), lanes.damping(step, fitted)
-        )
+            (1.0 - half) / (1.0 + half), lanes.coordinates(step * fitted / (1.0 + half)),
+            damping_of(lanes, self.damping, step, fitted),
+        )  # fmt: skip
+        terms = watched(self.terms, (self.guys.kappa * fitted).max(axis=1, initial=0.0))
         # momentum coordinates are the deflections at the displacement of rest
         p = lanes.coordinates(self.rest[0])
         saved = np.zeros((request.outputs_count if request.energy or request.keeps_guys else 0, 3, *p.shape))
         drive = drive_of(mast, air, request)
         result = march(
-            mast, request, matrices, drive, GuyEnds.of(mast.level_of_guy, steps_of_breaks(mast.rest.p, step), lanes.end_mass),
-            self.rest[1], hold=hold, condensed=(lanes.watched(fitted), scheme, CondensedState.of(p, saved)),
-            guy_wind=None if air is None else lanes.wind(along_guys(air, self.drag_points, lanes.size)),
+            mast, request, matrices, drive, lanes.of(self.reaction_mass.reshape(-1, 6)), self.rest[1], hold=hold,
+            condensed=(terms, scheme, CondensedState.of(p, saved)),
+            guy_wind=None if air is None else self.wind(air, along_guys(air, self.drag_points, lanes.size)),
         )  # fmt: skip
         states = lanes.back(saved)
         if request.keeps_guys:
@@ -209,7 +220,7 @@ class CondensedGuys:
         for part, shape in enumerate(self.shapes):
             deflection = guys.scale[:, None] * (q[..., part * r : (part + 1) * r] @ shape.basis(sigma, 0))
             positions += deflection[..., None] * axes[:, :, 1 + part, None]
-        positions[broken_at_outputs(self.mast.rest.p, result.request)] = np.nan
+        positions[result.request.broken_at_outputs(self.mast.rest.p)] = np.nan
         return positions
 
     def _energy(
@@ -236,7 +247,7 @@ class CondensedGuys:
         lowered = result.modal @ geometric_rest.T + 0.5 * np.einsum("tna,ta->tn", bent, result.modal)
         upper[..., 1] += lowered[:, mast.level_of_guy]
         energies = self.guys.energy(saved[:, 0], upper)
-        energies[broken_at_outputs(mast.rest.p, request)] = 0.0
+        energies[request.broken_at_outputs(mast.rest.p)] = 0.0
         potential += energies.sum(axis=1) - self.guys.energy(self.rest[0], self.guys.upper).sum()
         return kinetic + potential
 

@@ -112,17 +112,12 @@ class GuyEnds(NamedTuple):
 
     @classmethod
     def of(cls, level: np.ndarray, breaks: np.ndarray, end_mass: np.ndarray) -> GuyEnds:
-        """Return the ends of guys with masses (6, lanes) [kg]."""
+        """Return the ends of guys with masses (6, lanes) [kg], or (guys,) of those that follow the mast in x and z."""
+        if end_mass.ndim == 1:
+            end_mass = np.outer([1.0, 0.0, 0.0, 0.0, 0.0, 1.0], end_mass)
         lanes = end_mass.shape[1]
         start = np.full(lanes, np.inf), np.zeros(lanes)
         return cls(level, breaks, end_mass, np.zeros((3, lanes)), np.zeros(lanes), *start)
-
-    @classmethod
-    def with_masses(cls, level: np.ndarray, breaks: np.ndarray, mass: np.ndarray) -> GuyEnds:
-        """Return the ends of guys whose masses (guys,) [kg] follow the mast in x and z."""
-        rows = np.zeros((6, mass.size))
-        rows[0] = rows[5] = mass
-        return cls.of(level, breaks, rows)
 
 
 class Extremes(NamedTuple):

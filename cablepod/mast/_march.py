@@ -22,7 +22,7 @@ def march(
     request: MastRequest,
     matrices: StepMatrices,
     drive: Drive,
-    ends: GuyEnds,
+    end_mass: np.ndarray,
     at_rest: np.ndarray,
     *,
     hold: int = 1,
@@ -37,8 +37,9 @@ def march(
     ----------
     mast, request, matrices, drive
         The mast, what is asked, its step, its loads and air.
-    ends, at_rest
-        Ends of the guys; their forces on the mast at rest (guys, 3) [N], which a constant force balances.
+    end_mass, at_rest
+        Mass of the guys at the mast, see :class:`GuyEnds`, or (guys,) where it follows the mast in x and z [kg]; their forces on
+        the mast at rest (guys, 3) [N], which a constant force balances.
     hold
         Steps over which drag is held.
     condensed, chains, static, guy_wind
@@ -48,6 +49,7 @@ def march(
 
     levels, modes, count = len(mast.heights), len(mast.omega), len(mast.rest.p.guys)
     wind, outputs = drive.wind, request.outputs_count
+    ends = GuyEnds.of(mast.level_of_guy, request.steps_of_breaks(mast.rest.p), end_mass)
     nodes = wind.drag.size if request.keeps_drag and wind is not None else 0
     record = MastRecord(
         np.zeros((outputs, modes)), np.zeros((outputs, 2, modes)), np.zeros((outputs, count, 3)), np.zeros((outputs, count)),

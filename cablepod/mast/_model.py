@@ -42,7 +42,7 @@ class ModalMast:
         omega, modes = lowest_vibrations(rest.stiffness, self.mass_with_guys, count)
         broken = np.unique([guy.level for guy in p.guys if guy.breaks is not None])
         if broken.size and count + 2 * broken.size <= rest.beam.count:
-            rows = rest.beam.displacement_rows(np.array([rest.beam.node(level) for level in broken]))
+            rows = rest.beam.rows_at(broken)
             space = np.hstack([modes, np.linalg.solve(rest.stiffness, rows.reshape(-1, rest.beam.count).T)])
             space /= np.sqrt(np.einsum("ia,ij,ja->a", space, self.mass_with_guys, space))
             squared, turned = eigh(space.T @ rest.stiffness @ space, space.T @ self.mass_with_guys @ space)
@@ -82,8 +82,7 @@ class ModalMast:
 
     @cached_property
     def _levels(self) -> np.ndarray:
-        beam = self.rest.beam
-        return beam.displacement_rows(np.array([beam.node(height) for height in self.heights]))
+        return self.rest.beam.rows_at(self.heights)
 
     @cached_property
     def level_rows(self) -> np.ndarray:

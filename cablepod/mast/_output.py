@@ -1,4 +1,4 @@
-"""Labels of the results of a mast."""
+"""Labels of the results of a mast, fatigue ranges of its guys."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod import fatigue
 from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
+from cablepod.fatigue._cycles import EXPONENT, FREQUENCY, warn_of_cut_cycles
 from cablepod.integrate._window import within
 from cablepod.mast._beam import Beam
-from cablepod.mast._breaks import times_of_breaks
 from cablepod.mast._model import ModalMast
-from cablepod.mast._request import MastTrajectory
+from cablepod.mast._request import MastTrajectory, times_of_breaks
 from cablepod.mast._sections import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.parameters._mast import MastParameters
 
@@ -129,13 +130,6 @@ def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:
 
 def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], guys: str) -> xr.Dataset:
     """Return a run with guys of a kind as a Dataset, up to where it was computed."""
-    return dataset(mast.rest.p, *_values(mast, run, outputs, guys))
-
-
-def _values(
-    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], guys: str
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return variables and coordinates of a run, up to where it was computed."""
     request, n = run.request, run.completed
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {"time": request.times[:n], "level": mast.heights}
@@ -164,7 +158,7 @@ def _values(
         coords.pop("time")
     if not any("level" in dims for dims, _ in variables.values()):
         coords.pop("level")
-    return variables, coords
+    return dataset(mast.rest.p, variables, coords)
 
 
 def _forces(forces: Forces, outputs: tuple[str, ...], moved: np.ndarray, guys: str) -> dict[str, Any]:
@@ -203,3 +197,26 @@ def _extremes(mast: ModalMast, run: MastTrajectory) -> dict[str, Any]:
         strength = np.array([np.nan if value is None else float(value) for value in strengths])
         result["utilisation"] = (("guy",), run.of_tensions.largest / strength)
     return result
+
+
+def guy_fatigue(motion: xr.Dataset, window: tuple[float, float] | None = None) -> xr.DataArray | None:
+    """Return the equivalent range of the tension of each guy [N], over a run or its window; None without guys or two instants.
+
+    Parameters
+    ----------
+    motion
+        Result of :func:`cablepod.mast.simulate` with the output "guy_tension", with or without ``member``.
+    window
+        Start and end [s] of the part that counts.
+    """
+    if "guy_tension" not in motion or not motion.sizes["guy"]:
+        return None
+    tension = motion["guy_tension"]
+    if window is not None:
+        tension = tension.isel(time=within(tension["time"].values, window))
+    if tension.sizes["time"] < 2:
+        return None
+    warn_of_cut_cycles(tension, EXPONENT, "the fatigue range")
+    return fatigue.equivalent(tension, exponent=EXPONENT, frequency=FREQUENCY).assign_attrs(
+        units="N", long_name=f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second"
+    )

@@ -12,7 +12,7 @@ from cablepod.errors import scene_error
 from cablepod.integrate._request import check_in_run
 from cablepod.integrate._window import steps_within
 from cablepod.mast._kernels_layout import Extremes
-from cablepod.parameters._mast import MastLoad
+from cablepod.parameters._mast import MastLoad, MastParameters
 
 #: Maximum relative distance of a number of steps in an interval from a whole number.
 ROUNDING = 1e-9
@@ -60,12 +60,25 @@ class MastRequest:
         first, last = steps_within(self.window, 1.0 / self.step)
         return first, min(last, self.steps)
 
+    def steps_of_breaks(self, p: MastParameters) -> np.ndarray:
+        """Return the first step at which each guy is broken (guys,): that at its break to rounding, or the next one."""
+        return np.ceil(times_of_breaks(p) / self.step * (1.0 - ROUNDING))
+
+    def broken_at_outputs(self, p: MastParameters) -> np.ndarray:
+        """Tell which guys are broken at the outputs (outputs, guys)."""
+        return self.every * np.arange(self.outputs_count)[:, None] >= self.steps_of_breaks(p)
+
     def factors(self, loads: Sequence[MastLoad]) -> np.ndarray:
         """Return the factors of the loads at all steps (loads, steps + 1); without rows where no load varies."""
         time = self.step * np.arange(self.steps + 1)
         if all(load.factor is None for load in loads):
             return np.empty((0, time.size))
         return np.array([np.ones(time.size) if load.factor is None else load.factor(time) for load in loads])
+
+
+def times_of_breaks(p: MastParameters) -> np.ndarray:
+    """Return the time at which each guy breaks (guys,) [s], infinite where it does not."""
+    return np.array([np.inf if guy.breaks is None else guy.breaks for guy in p.guys])
 
 
 def steps_in(interval: float, longest: float) -> int:

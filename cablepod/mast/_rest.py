@@ -75,8 +75,7 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     warn_of_unusual_mast(p, found.tension)
     beam, levels = found.beam, p.levels
     warn_of_slopes(beam, slopes_of(beam, beam.all_rows @ found.unknowns)[None])
-    nodes = np.array([beam.node(level) for level in levels])
-    moved = beam.displacement_rows(nodes) @ found.unknowns
+    moved = beam.rows_at(levels) @ found.unknowns
     step = 1e-9 * p.height
     sides = [
         beam.compression(np.clip(beam.height + side, 0.0, p.height * (1.0 - 1e-15)), found.levels, found.pull)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cablepod.conventions import ENDS
-from cablepod.mast._breaks import broken_at_outputs
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory
 from cablepod.mast._statics import load_vectors, seen_by
@@ -152,7 +151,7 @@ class Forces:
         force = run.force[:n]
         turned = force - 2.0 * (force * along).sum(axis=-1, keepdims=True) * along
         result = rest.statics.anchor_forces + turned - turned[:1]
-        result[broken_at_outputs(rest.p, run.request)[:n]] = 0.0
+        result[run.request.broken_at_outputs(rest.p)[:n]] = 0.0
         return result
 
 

@@ -144,17 +144,12 @@ def upper_ends(p: MastParameters, beam: Beam, unknowns: np.ndarray) -> np.ndarra
 
 def guy_rows(p: MastParameters, beam: Beam) -> np.ndarray:
     """Return the matrix from the unknowns to the displacement of the guys' upper ends in x and z (guys, 2, count)."""
-    return _rows_of_levels(beam, tuple(guy.level for guy in p.guys))
-
-
-@lru_cache(16)
-def _rows_of_levels(beam: Beam, levels: tuple[float, ...]) -> np.ndarray:
-    return beam.displacement_rows(np.array([beam.node(level) for level in levels], dtype=int))
+    return beam.rows_at([guy.level for guy in p.guys])
 
 
 def load_vectors(p: MastParameters, beam: Beam) -> np.ndarray:
     """Return the loads of the mast on the unknowns, for factors of one (loads, count)."""
-    rows = beam.displacement_rows(np.array([beam.node(load.level) for load in p.loads], dtype=int))
+    rows = beam.rows_at([load.level for load in p.loads])
     return np.array([load.force[[0, 2]] @ row for load, row in zip(p.loads, rows, strict=True)]).reshape(-1, beam.count)
 
 

@@ -14,7 +14,7 @@ from cablepod.archive._manifest import FAILURE
 from cablepod.condensed import vibration_modes
 from cablepod.conventions import ENDS
 from cablepod.errors import RunStopped, SceneError
-from cablepod.fatigue._cut_cycles import warn_of_cut_cycles
+from cablepod.fatigue._cycles import warn_of_cut_cycles
 from cablepod.integrate._window import within
 from cablepod.mast._output import NAMES as MAST_NAMES
 from cablepod.mast._piecewise_guys import kind_in_studies, kind_of_guys, refuse_ratios

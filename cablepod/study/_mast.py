@@ -12,8 +12,9 @@ import xarray as xr
 
 from cablepod import mast
 from cablepod.conventions import label
+from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
 from cablepod.integrate._window import window_attributes
-from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
+from cablepod.mast._output import guy_fatigue
 from cablepod.mast._piecewise_guys import kind_in_studies
 from cablepod.mast._runs import check_run
 from cablepod.parameters._mast import MastParameters, mast_parameters

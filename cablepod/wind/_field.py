@@ -28,7 +28,7 @@ from cablepod.wind._air import (
     rest_points,
     turbulence_at,
 )
-from cablepod.wind._mast_air import mast_field
+from cablepod.wind._mast_air import mast_air
 
 
 @over_members_by(no_plan, kind=scene_kind)
@@ -101,7 +101,9 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     dims = 3 if is_mast else p.dims
     position, number, sigma = _points_of(p, points, dims)
     if has_record(p) or (is_mast and points is None):
-        mean, velocity = (_of_mast if is_mast else _of_record)(p, time, seed, points)
+        if has_record(p):
+            _refuse_beside_record(seed, points)
+        mean, velocity = _of_runs(p, time)
     else:
         mean = mean_velocity(p, position[:, 1])
         velocity = np.repeat(mean[None], time.size, axis=0)
@@ -130,14 +132,16 @@ def _turbulence(p: Any, position: np.ndarray, time: np.ndarray) -> np.ndarray:
     return linear_between(instants, values, time, axis=0)
 
 
-def _of_record(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean velocity (points, dims) and velocity (instants, points, dims) of a record along the cable [m/s]."""
-    _refuse_beside_record(seed, points)
+def _of_runs(p: Any, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean velocity (points, dims) and velocity (instants, points, dims) that runs have without a ramp [m/s]."""
     p = replace(p, wind={**p.wind, "ramp": 0.0})
-    air: Any = air_of(p, float(time[-1]))
-    sigma = rest_points(p)[0]
-    instants = np.arange(len(air.velocity)) / air.samples_per_second
-    return air.steady.at(sigma)[0], linear_between(instants, air.at(sigma), time, axis=0)
+    air: Any = (mast_air if isinstance(p, MastParameters) else air_of)(p, float(time[-1]))
+    if isinstance(p, MastParameters):
+        mean, velocity = air.mean, air.velocity
+    else:
+        sigma = rest_points(p)[0]
+        mean, velocity = air.steady.at(sigma)[0], air.at(sigma)
+    return mean, linear_between(np.arange(len(velocity)) / air.samples_per_second, velocity, time, axis=0)
 
 
 def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
@@ -163,14 +167,6 @@ def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray |
     if position[:, 1].min() < ground:
         raise scene_error("points", float(position[:, 1].min()), f"points above wind.ground, {ground:g} m")
     return position, None, None
-
-
-def _of_mast(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean velocity (points, 3) and velocity (instants, points, 3) on a mast and its guys [m/s]."""
-    if has_record(p):
-        _refuse_beside_record(seed, points)
-    air, velocity = mast_field(p, time)
-    return air.mean, velocity
 
 
 def _refuse_beside_record(seed: int | None, points: Any) -> None:

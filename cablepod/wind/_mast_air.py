@@ -6,7 +6,6 @@ import hashlib
 import threading
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +15,7 @@ from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import has_record, ramp_of
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS, at_mast_points, mast_points
-from cablepod.scene._wind_field import field_of_record, key_of_record, linear_between
+from cablepod.scene._wind_field import field_of_record, key_of_record
 from cablepod.wind._air import (
     INTERVAL,
     SAMPLES_TOGETHER,
@@ -199,10 +198,3 @@ def _ramped(p: MastParameters, air: MastAir) -> MastAir:
     velocity, parts = rising(air.velocity, air.samples_per_second, ramp)
     rate = air.samples_per_second * parts
     return replace(air, velocity=velocity, samples_per_second=rate, start=0.0 * air.mean, ramp=ramp)
-
-
-def mast_field(p: MastParameters, time: np.ndarray) -> tuple[MastAir, np.ndarray]:
-    """Return the air on a mast without its ramp, and its velocity at instants (instants, points, 3) [m/s]."""
-    still = replace(p, wind={**(p.wind or {}), "ramp": 0.0})
-    air: Any = mast_air(still, float(time[-1]))
-    return air, linear_between(np.arange(len(air.velocity)) / air.samples_per_second, air.velocity, time, axis=0)

@@ -130,7 +130,7 @@ def by_opensees(scene: xr.Dataset, trusses: int) -> tuple[np.ndarray, np.ndarray
     top, element = len(rest.beam.height), len(rest.beam.length)
     gravity, node, upper = rest.p.gravity, top + 1, []
     for guy, own in zip(rest.bare, rest.p.guys, strict=True):
-        at_mast = rest.beam.node(own.level) + 1
+        at_mast = int(np.abs(rest.beam.height - own.level).argmin()) + 1
         masses, last = add_guy(ops, guy, trusses, at_mast, (node, element + 1))
         at_levels[at_mast] = at_levels.get(at_mast, 0.0) + last
         weight |= {number: gravity * mass for number, mass in masses.items()}

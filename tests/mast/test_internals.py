@@ -180,8 +180,9 @@ def by_statics(scene):
     force[-1] += [300.0, -150.0]
     moved, pull = beam.all_rows @ found.unknowns, np.zeros(nodes)
     for level, own in zip(found.levels, found.force, strict=True):
-        force[beam.node(level)] += own[[0, 2]]
-        pull[beam.node(level)] -= own[1]
+        node = np.abs(height - level).argmin()
+        force[node] += own[[0, 2]]
+        pull[node] -= own[1]
     single = np.zeros((2, 2 * nodes))
     single[:, beam.free] = found.unknowns.reshape(2, -1)
     places, weights = np.polynomial.legendre.leggauss(5)
@@ -233,7 +234,7 @@ def test_drag_damps_the_vibrations_of_a_guy_as_its_shapes_say(rank, least):
     """
     options = dict.fromkeys(("links", "times", "step", "tolerance", "window", "wind"))
     case = MastCase(small(windy), None, guys="condensed", rank=rank, outputs=("guy_tension",), **options)
-    wind = case.model.model.lanes.wind(np.empty((0, 0)))
+    wind = case.model.model.wind(case.air, np.empty((0, 0)))
     weights = wind.drag[:, 0] / wind.drag[:, 0].sum()
     for shapes in wind.shapes[:, :, :rank]:
         rates = np.linalg.eigvalsh(shapes.T @ (weights[:, None] * shapes))
