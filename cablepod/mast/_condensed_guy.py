@@ -49,12 +49,12 @@ def sines(rank: int) -> Shapes:
 
 
 def shapes_of(modes: xr.Dataset | None, rank: int) -> tuple[Shapes, Shapes]:
-    """Return the shapes in and out of the plane: those of modes of layout "normal", or sines.
+    """Return the shapes in and out of the plane: the first of modes of layout "normal", or sines.
 
     Raises
     ------
     SceneError
-        For a rank that the modes do not have, and modes that depend on one another.
+        For modes that depend on one another.
     """
     if modes is None:
         both = sines(rank)
@@ -64,8 +64,6 @@ def shapes_of(modes: xr.Dataset | None, rank: int) -> tuple[Shapes, Shapes]:
     for suffix in ("", "_out_of_plane"):
         name = f"mode_shape{suffix}"
         values = modes[name].values if name in modes else modes["mode_shape"].values
-        if rank > len(values):
-            raise SceneError(f"rank: given {rank}; allowed: at most {len(values)}, the number of modes")
         sets.append(_of_values(sigma, values[:rank]))
     return sets[0], sets[1]
 

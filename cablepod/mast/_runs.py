@@ -32,7 +32,7 @@ from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys, CondensedRun, guys_in_mean_wind
 from cablepod.mast._model import ModalMast, modal_mast
 from cablepod.mast._piecewise_guys import KINDS, first_thing, kind_of_guys, refuse_ratios, refuse_things
-from cablepod.mast._request import MastRequest, MastTrajectory, request_of, steps_in
+from cablepod.mast._request import MastRequest, MastTrajectory, request_of
 from cablepod.mast._sections import NEED_FORCES
 from cablepod.mast._statics import check_shapes, rest_in
 from cablepod.parameters._checks import choice, integer, number
@@ -43,10 +43,12 @@ from cablepod.scene._mast_notes import warn_of_unusual_mast
 from cablepod.scene._warnings import without_warnings
 from cablepod.wind._mast_air import mast_air
 
-#: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.
-RANK, RICHER = 4, 4
+#: Default and largest number of modes of each deflection of a guy, and number of those beyond them in the error estimate.
+RANK, MAX_RANK, RICHER = 4, 60, 4
 #: Maximum number of halved steps to meet a tolerance.
 MAX_HALVINGS = 6
+#: Standard deviation of a tension over its mean up to which it is the rounding of a guy at rest.
+STILL = 1e-9
 
 
 class MastCase:
@@ -74,28 +76,30 @@ class MastCase:
         warn_of_late_breaks(p, float(instants[-1]))
         check_memory(instants.size, max(len(p.guys), 1), 3, key="time.interval" if times is None else "times")
         self.scene, self.modes, self.guys, self.tolerance, self.window = scene, modes, guys, tolerance, window
-        self.wind, self.links, self.step, self.count = wind, links, step, RANK if rank is None else int(rank)
+        self.wind, self.links, self.step, self.count = wind, links, step, _rank_of(modes, rank)
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
         self.mast = modal_mast(rest_in(calm_parameters(scene), air))
         check_shapes(self.mast.rest)
         warn_of_unusual_mast(p, self.mast.rest.tension)
-        self.model = self._model(self.count)
+        self.model = self._model()
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,
             keeps_guys="guy_position" in self.wanted, keeps_drag=bool(NEED_FORCES & set(self.wanted)),
         )  # fmt: skip
 
-    def _model(self, rank: int) -> Any:
-        """Return the model of the guys, condensed ones with a number of modes."""
+    def _model(self) -> Any:
+        """Return the model of the guys."""
         if self.guys == "chain":
             return ChainGuys(self.mast, self.links or links_of(self.p), self.air)
         if self.guys == "catenary":
             return CatenaryGuys(self.mast, self.air)
-        modes = self.modes
+        return self._condensed(self.modes, self.count)
+
+    def _condensed(self, modes: xr.Dataset | None, rank: int) -> CondensedRun:
+        """Return condensed guys with a number of modes, sines by default."""
         if modes is None and self.wind is None and not has_record(self.p):  # in the mean wind of the scene
             return CondensedRun(guys_in_mean_wind(self.mast, rank), self.air)
-        rank = rank if modes is None else min(rank, modes.sizes["mode"])
         return CondensedRun(CondensedGuys(self.mast, shapes_of(modes, rank), self.air), self.air)
 
     @property
@@ -109,10 +113,8 @@ class MastCase:
         """Run, with an estimate of the error where it is asked; return the trajectory and what is known of its errors."""
         run, notes = _converged(self.model, self.request, self.tolerance)
         if "error_estimate" in self.wanted and not run.status:
-            richer = self._model(self.count + RICHER)
-            request = run.request
-            every = max(request.every, steps_in(request.interval, richer.default_step))
-            finer = richer.run(MastRequest(request.times, every, self.window))
+            richer, request = self._condensed(None, self.count + RICHER), run.request
+            finer = richer.run(request_of(request.times, min(request.step, richer.default_step), None, self.window))
             notes["error_estimate"] = float(difference(run, finer).max(initial=0.0))
         return run, notes
 
@@ -208,10 +210,18 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
     refuse_ratios(p, guys)
 
 
+def _rank_of(modes: xr.Dataset | None, rank: Any) -> int:
+    """Return the number of modes of each deflection; refuse one that given modes do not have."""
+    most = MAX_RANK if modes is None else int(modes.sizes["mode"])
+    if rank is not None and rank > most:
+        raise scene_error("rank", rank, f"at most {most}, the number of modes")
+    return min(RANK, most) if rank is None else int(rank)
+
+
 def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any) -> None:
     """Refuse numbers that are invalid or do not go together."""
     for key, value, check in (
-        ("rank", rank, integer(least=1, most=60)),
+        ("rank", rank, integer(least=1, most=MAX_RANK)),
         ("links", links, integer(least=2, most=10**4)),
         ("step", step, number(above=0.0)),
         ("tolerance", tolerance, number(above=0.0, most=1.0)),
@@ -246,9 +256,9 @@ def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tup
 
 
 def difference(run: MastTrajectory, other: MastTrajectory) -> np.ndarray:
-    """Return the rms difference of the guys' tensions over their standard deviation (guys,)."""
-    spread = other.tension.std(axis=0)
-    scale = np.where(spread > 0.0, spread, np.maximum(np.abs(other.tension).mean(axis=0), 1e-300))
+    """Return the rms difference of the guys' tensions over their standard deviation, or their mean where they rest (guys,)."""
+    spread, mean = other.tension.std(axis=0), np.abs(other.tension).mean(axis=0)
+    scale = np.where(spread > STILL * mean, spread, np.maximum(mean, 1e-300))
     return np.sqrt(((run.tension - other.tension) ** 2).mean(axis=0)) / scale
 
 

@@ -38,13 +38,13 @@ def simulate(
     scene
         Scene with a mast.
     modes
-        Modes of layout "normal" of the guys' deflections, carried over by the relative arc length; sines by default.
+        Modes of layout "normal" of the deflections of all guys, carried over by the relative arc length; sines by default.
     guys
         "condensed": reduced models of the guys; "chain": lumped masses and elastic links; "catenary": static catenaries in still
         air, which have the drag's part at the mast but no motion of their own.  Condensed by default; chains where a cable of a
         guy has segments or attachments, which the other kinds refuse.
     rank
-        Number of modes of each deflection of a condensed guy; 4 by default.
+        Number of modes of each deflection of a condensed guy; 4 by default, or that of the modes if these are fewer.
     links
         Number of links of a guy with "chain", instead of the scene's.
     times
@@ -62,7 +62,7 @@ def simulate(
     outputs
         Some of "displacement", "guy_tension", "guy_force", "bending_moment", "shear_force", "axial_compression", "foot_force",
         "anchor_force", "extremes", "envelopes"; with condensed guys also "guy_position" (at 21 points of each guy), "energy"
-        (without wind) and "error_estimate" (one more run with richer guys).
+        (without wind) and "error_estimate" (one more run with richer guys, on sines).
     progress
         Callback receiving the completed fraction, 1 at the end.
 

@@ -11,6 +11,9 @@ import cablepod as cp
 from cablepod import provenance
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError
 
+SIGMA = np.linspace(0.0, 1.0, 41)
+TWO_MODES = cp.modes(np.sin(np.pi * np.outer([1, 2], SIGMA)), arc_length=SIGMA)
+
 
 def undamped(mapping):
     mapping["mast"]["damping_ratio"] = 0.0
@@ -112,12 +115,28 @@ def test_tolerance_halves_the_step():
     assert tight.attrs["time_error_estimate"] <= 0.003
 
 
-def test_error_estimate_is_of_the_size_of_the_error():
+@pytest.mark.parametrize("options", [{"rank": 2}, {"modes": TWO_MODES}])
+def test_error_estimate_is_of_the_size_of_the_error(options):
+    """Also of modes of one's own, however few there are."""
     scene = small()
-    run = cp.mast.simulate(scene, rank=2, step=0.005, outputs=("guy_tension", "error_estimate"))
+    run = cp.mast.simulate(scene, **options, step=0.005, outputs=("guy_tension", "error_estimate"))
     rich = cp.mast.simulate(scene, rank=12, step=0.002, outputs=("guy_tension",))
     actual = rms(run, rich).max()
+    assert run.attrs["rank"] == 2
     assert 0.5 * actual < run.attrs["error_estimate"] < 2.0 * actual
+
+
+@pytest.mark.parametrize("options", [{}, {"times": [0.0]}])
+@pytest.mark.filterwarnings("error")
+def test_errors_of_a_mast_that_stands_still_are_parts_of_its_tensions(options):
+    """They are no parts of a deviation that is rounding: 1e8 times that was the estimate, and no step met a tolerance."""
+
+    def still(mapping):
+        del mapping["mast"]["load"]
+
+    run = cp.mast.simulate(small(still), outputs=("error_estimate",), tolerance=1e-6, **options)
+    assert run.attrs["time_error_estimate"] < 1e-9  # rounding
+    assert run.attrs["error_estimate"] < 1e-4  # of the tension at rest by four sines
 
 
 def test_a_guy_that_breaks_after_the_run_is_noted():
@@ -349,6 +368,7 @@ def test_archive_keeps_a_run(tmp_path):
         ({"tolerance": 0.0}, "tolerance"),
         ({"tolerance": 0.1, "step": 0.01}, "tolerance"),
         ({"modes": cp.make_scene}, "modes"),
+        ({"modes": TWO_MODES, "rank": 3}, "rank"),
     ],
 )
 def test_invalid_options_are_refused_by_key(options, key):
