@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,9 @@ import xarray as xr
 
 from cablepod import fatigue
 from cablepod.conventions import COORDINATES, ENDS, label, shared_coordinates
+from cablepod.errors import SceneError
 from cablepod.fatigue._cycles import EXPONENT, FREQUENCY, warn_of_cut_cycles
+from cablepod.integrate._request import check_outputs
 from cablepod.integrate._window import within
 from cablepod.mast._beam import Beam
 from cablepod.mast._model import ModalMast
@@ -18,6 +21,10 @@ from cablepod.mast._request import MastTrajectory, times_of_breaks
 from cablepod.mast._sections import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.parameters._mast import MastParameters
 
+#: Variables of a scene that are heights of levels.
+LEVEL_KEYS = re.compile(r"mast_height|guy_\d+_level")
+#: Outputs over levels.
+AT_LEVELS = {"displacement", "extremes", ENVELOPES}
 #: Outputs of a run.
 OUTPUTS = (
     "displacement", "guy_tension", "guy_force", "guy_position", *OVER_TIME, "extremes", ENVELOPES, "energy", "error_estimate"
@@ -121,6 +128,27 @@ def nodes_of(beam: Beam) -> dict[str, Any]:
         "node": np.arange(beam.height.size), "node_height": ("node", beam.height), "element": np.arange(beam.length.size),
         "element_bottom": ("element", beam.height[:-1]), "element_top": ("element", beam.height[1:]),
     }  # fmt: skip
+
+
+def check_levels(scene: xr.Dataset, outputs: tuple[str, ...]) -> None:
+    """Refuse members whose levels differ where these label a dimension of an output, before any of them runs.
+
+    Raises
+    ------
+    SceneError
+        Names the key of the height; and for other outputs than those of a run.
+    """
+    if not AT_LEVELS & set(check_outputs(outputs, OUTPUTS)):
+        return
+    for name, variable in scene.variables.items():
+        if LEVEL_KEYS.fullmatch(str(name)) and "member" in variable.dims:
+            low, high = float(np.nanmin(variable.values)), float(np.nanmax(variable.values))
+            if low < high:
+                raise SceneError(
+                    f"{str(name).replace('_', '.')}: given {low:g} to {high:g} m along member; allowed: one height, as it labels "
+                    "displacements and their extremes; try: a call for each member, scene.isel(member=0), or mast.simulate with "
+                    'other outputs, such as "guy_tension" and "bending_moment"'
+                )
 
 
 def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import ENDS
 from cablepod.errors import SceneError
 from cablepod.mast._beam import slopes_of, warn_of_slopes
-from cablepod.mast._output import dataset, nodes_of
+from cablepod.mast._output import check_levels, dataset, nodes_of
 from cablepod.mast._sections import foot_force, spatial
 from cablepod.mast._statics import rest_in
 from cablepod.parameters._mast import MastParameters, mast_parameters
@@ -23,7 +23,13 @@ from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
 
 
-@over_members_by(no_plan, warn_of_unusual_mast_members, kind=MAST_SCENE)
+def _check_members(scene: xr.Dataset) -> None:
+    """Refuse members of other levels, and warn of unusual ones."""
+    check_levels(scene, ("displacement",))
+    warn_of_unusual_mast_members(scene)
+
+
+@over_members_by(no_plan, _check_members, kind=MAST_SCENE)
 def rest(scene: xr.Dataset) -> xr.Dataset:
     """Compute the equilibrium of a mast and its guys under weight, ice, loads at time 0 and mean wind.
 

@@ -8,14 +8,23 @@ from typing import Any
 import xarray as xr
 
 from cablepod.batch._blas import one_blas_thread
-from cablepod.batch._members import no_plan, over_members_by
+from cablepod.batch._members import over_members_by
 from cablepod.integrate._request import check_progress
+from cablepod.mast._output import check_levels
 from cablepod.mast._runs import MastCase
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.scene._mast_notes import warn_of_unusual_mast_members
 
+#: Outputs by default.
+DEFAULT = ("displacement", "guy_tension", "extremes")
 
-@over_members_by(no_plan, warn_of_unusual_mast_members, kind=MAST_SCENE)
+
+def _one_by_one(scene: xr.Dataset, *_: Any, outputs: tuple[str, ...] = DEFAULT, **__: Any) -> None:
+    """Refuse members of other levels; there is no faster plan than one by one."""
+    check_levels(scene, outputs)
+
+
+@over_members_by(_one_by_one, warn_of_unusual_mast_members, kind=MAST_SCENE)
 def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset | None = None,
@@ -28,7 +37,7 @@ def simulate(
     tolerance: float | None = None,
     window: tuple[float, float] | None = None,
     wind: xr.Dataset | None = None,
-    outputs: tuple[str, ...] = ("displacement", "guy_tension", "extremes"),
+    outputs: tuple[str, ...] = DEFAULT,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a mast and its guys from rest in the mean wind, under loads, wind and turbulence.

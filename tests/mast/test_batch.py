@@ -87,6 +87,18 @@ def test_slack_members_warn():
     assert float(both.smallest_chordwise_force[0]) < 0.0 < float(both.smallest_chordwise_force[1])
 
 
+def test_members_of_other_levels_are_refused_before_they_run():
+    """Levels label the displacements, of which one result cannot have several; they were refused after the last member."""
+    scene, seen = varied(small(), guy_1_level=[27.0, 28.0]), []
+    with pytest.raises(SceneError, match=r"^guy\.1\.level: .*allowed"):
+        cp.mast.simulate(scene, progress=seen.append)
+    assert not seen
+    with pytest.raises(SceneError, match=r"^guy\.1\.level: .*allowed"):
+        cp.mast.rest(scene)
+    both = cp.mast.simulate(scene, outputs=("guy_tension",), times=[0.0, 0.1])
+    assert both.guy_level.values.tolist() == [[27.0] * 3, [28.0] * 3]
+
+
 def test_wrong_options_are_refused_by_key():
     scene = varied(small(), guy_1_top_tension=[4800.0, 5200.0])
     for key, options in (("outputs", {"outputs": 3}), ("step", {"step": 0.013}), ("rank", {"rank": 0})):
