@@ -17,6 +17,7 @@ from cablepod.wind._drag import (
     body_drag,
     drag_rate,
     drag_step_limit,
+    largest_speed,
     longest_hold,
     straight_drag,
     tension_by_drag,
@@ -136,12 +137,15 @@ class ChainAir:
     def rate(self, end_time: float) -> float:
         """Return a bound of the rate at which drag takes away a motion along the wind in a run until an instant [s] [1/s]."""
         chain, p, free = self.chain, self.chain.p, self.chain.free_particles
-        rate = drag_rate(p, self.air, end_time)
+        speed = largest_speed(p, self.air, end_time)
         if not (p.segments or p.attachments or p.masses is not None):
-            return rate
-        speed = rate * p.mass / (2.0 * self.drag) if self.drag else self.air.largest_speed
-        areas = self.drags * chain.tributary_length + (0.0 if self.bodies is None else self.bodies)
-        return 2.0 * speed * float((areas[free] / chain.mass[free]).max())
+            return float(drag_rate(self.drag, p.mass, speed))
+        return float(drag_rate(self.of_particles[free], chain.mass[free], speed).max())
+
+    @property
+    def of_particles(self) -> np.ndarray:
+        """Half the density of the air times drag area of the particles and their bodies (n + 1,) [kg/m]."""
+        return self.drags * self.chain.tributary_length + (0.0 if self.bodies is None else self.bodies)
 
     def step_limit(self, end_time: float) -> float:
         """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""

@@ -213,13 +213,14 @@ class CondensedAir:
     def rate(self) -> float:
         """Bound of the rate at which drag takes away a motion along the wind [1/s]."""
         model, p = self.model, self.model.chain.p
+        speed = largest_speed(p, self.air, self.end_time)
         if model.is_uniform:
-            return drag_rate(p, self.air, self.end_time)
+            return float(drag_rate(self.air.drag, p.mass, speed))
         areas = self.drag
         if self.bodies is not None:
             areas[self.bodies.points] += self.bodies.drag
         shapes = self.shapes[0]
-        return 2.0 * largest_speed(p, self.air, self.end_time) * float(np.linalg.norm((shapes * areas) @ shapes.T, 2))
+        return float(drag_rate(np.linalg.norm((shapes * areas) @ shapes.T, 2), 1.0, speed))  # of modes of unit mass
 
     @property
     def step_limit(self) -> float:

@@ -30,7 +30,7 @@ from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, refined
-from cablepod.wind._drag import drag_of, drag_step_limit, straight_drag
+from cablepod.wind._drag import drag_of, drag_rate, drag_step_limit, straight_drag
 from cablepod.wind._mast_air import MastAir
 
 #: Step over the stability limit of the links: a chain that goes slack and taut again breaks down near 1.
@@ -96,9 +96,8 @@ class ChainGuys:
         if self.has_things:
             for g, (chain, air) in enumerate(zip(self.chains, self._airs, strict=True)):
                 own = self.air.of_guys(self.air.velocity)[:, g]
-                areas = air.drags * chain.tributary_length + (0.0 if air.bodies is None else air.bodies)
                 speed = float(np.sqrt((own * own).sum(axis=-1)).max())
-                rates.append(2.0 * speed * float((areas / chain.mass)[1:-1].max()))
+                rates.append(float(drag_rate(air.of_particles, chain.mass, speed)[1:-1].max()))
         return max(rates)
 
     @cached_property

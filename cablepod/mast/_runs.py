@@ -118,18 +118,8 @@ class MastCase:
             notes["error_estimate"] = float(difference(run, finer).max(initial=0.0))
         return run, notes
 
-    def attributes(self, run: MastTrajectory, notes: dict[str, Any]) -> dict[str, Any]:
-        """Return the attributes of a run; warn of what is out of range."""
-        window, guys = self.window, self.guys
-        _warn_of_slopes(self.mast, run)
-        return {
-            "title": f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}", "stage": "mast", "guys": guys,
-            "scheme": "velocity_verlet", "step": run.request.step, "number_of_steps": run.request.steps, **self.size,
-            **window_attributes(window), **notes, **_least_force(self.p, run, guys),
-        }  # fmt: skip
-
     def result(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
-        """Return the result of a run.
+        """Return the result of a run; warn of what is out of range.
 
         Raises
         ------
@@ -138,7 +128,12 @@ class MastCase:
         """
         guys, window = self.guys, self.window
         result = output.trajectory(self.mast, run, self.wanted, guys)
-        result.attrs.update(self.attributes(run, notes))
+        _warn_of_slopes(self.mast, run)
+        result.attrs = {
+            "title": f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}", "stage": "mast", "guys": guys,
+            "scheme": "velocity_verlet", "step": run.request.step, "number_of_steps": run.request.steps, **self.size,
+            **window_attributes(window), **notes, **_least_force(self.p, run, guys),
+        }  # fmt: skip
         if run.status:
             result.attrs["incomplete"] = f"stopped at {run.stopped_at:.9g} s"
         result = provenance.record(

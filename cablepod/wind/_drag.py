@@ -49,13 +49,13 @@ def body_drag(drag: Any, velocity: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.expand_dims(drag * np.sqrt((velocity * velocity).sum(axis)), axis) * velocity
 
 
-def drag_rate(p: Parameters, air: CableAir, end_time: float) -> float:
-    """Return a bound of the rate at which drag takes away a motion along the wind, until an instant [s] [1/s].
+def drag_rate(drag: Any, mass: Any, speed: float) -> Any:
+    """Return a bound of the rate at which drag takes away a motion along the wind [1/s], up to a relative speed [m/s].
 
-    The drag rho C d |u| u / 2 per length of a cable of the mass mu per length changes with the relative velocity u by
-    rho C d |u| along u.  The largest rate is therefore rho C d U / mu, with the largest speed U of the air and of the ends.
+    The drag b |u| u on a mass [kg], with half the density of the air times drag area b [kg/m], changes with the relative
+    velocity u by 2 b |u| along u.  Both may be those of a length of cable.
     """
-    return 2.0 * air.drag * largest_speed(p, air, end_time) / p.mass
+    return 2.0 * drag * speed / mass
 
 
 def largest_speed(p: Parameters, air: CableAir, end_time: float) -> float:

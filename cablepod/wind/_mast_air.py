@@ -29,7 +29,7 @@ from cablepod.wind._air import (
     turbulence_at,
     warn_of_other_mean,
 )
-from cablepod.wind._drag import drag_of
+from cablepod.wind._drag import drag_of, drag_rate
 from cablepod.wind._turbulence import direction_of
 
 #: Number of fields that are kept, as masts of one place share them.
@@ -77,7 +77,7 @@ class MastAir:
             own = self.velocity[first : first + SAMPLES_TOGETHER] ** 2
             squared = np.maximum(squared, (own[..., 0] + own[..., 1] + own[..., 2]).max(axis=0))
         speed = np.sqrt(squared[MAST_POINTS:].reshape(-1, GUY_POINTS).max(axis=1))
-        rates = [2.0 * drag_of(guy.p, self.density) * u / guy.p.mass for guy, u in zip(p.guys, speed, strict=True)]
+        rates = [drag_rate(drag_of(guy.p, self.density), guy.p.mass, u) for guy, u in zip(p.guys, speed, strict=True)]
         return float(max(rates, default=0.0))
 
     def of_mast(self, velocity: np.ndarray) -> np.ndarray:
