@@ -31,12 +31,14 @@ from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._particles import check_links, check_own, number_of_links, with_means
 from cablepod.parameters._scene_values import check_values, listed, of_keys, tables_of
 from cablepod.parameters._temperature import TEMPERATURES, expanded, expansion_of, temperatures_of
-from cablepod.parameters._time_functions import SINES, TimeFunction
+from cablepod.parameters._time_functions import SINES, TimeFunction, check_instants
 from cablepod.parameters._wind import turbulence_of, wind_of
 from cablepod.provenance import digest
 
 #: Variables of a record: times [s] and values, duration of the smooth start [s].
 RECORD = ("time", "value", "ramp")
+#: Keys of the time functions of all kinds, those of records with their samples.
+FUNCTION_KEYS = {*RECORD, *(name for keys in time_function_keys("1").values() for name in keys)}
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
 STACKED_TABLES = ("gravity", *TEMPERATURES, "cable_", "ends_", "load_", "motion_", "damping_")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
@@ -94,6 +96,8 @@ class Members(Sequence[Parameters]):
         self.varied: dict[str, Any] = {}  #: variable -> values, a row for each member
         if "mast_height" in scene.variables:
             raise SceneError("mast: given a scene with a mast; allowed: one with [cable], [ends]; try: mast.simulate")
+        if not scene.sizes.get("member", 1):
+            raise SceneError("scene: given no members; allowed: at least one")
         self.gapped: dict[str, Any] = {}  #: the same, nan for members that lack the variable
         for name, variable in scene.variables.items():
             if "member" in variable.dims:
@@ -293,17 +297,28 @@ def damping_ratios(damping: Mapping[str, Any]) -> tuple[float, ...] | None:
 
 
 def time_function(table: Mapping[str, Any], path: str, *, keeps_start: bool = False) -> TimeFunction | None:
-    """Make the time function of the table at a key path; None without `kind`."""
+    """Make the time function of the table at a key path; None for a table without its keys.
+
+    Raises
+    ------
+    SceneError
+        For keys without kind, missing keys, and a record that is none; the message names the key.
+    """
+    kinds = time_function_keys("1")
     if "kind" not in table:
+        given = [name for name in table if name in FUNCTION_KEYS or name in RECORD]
+        if given:
+            raise SceneError(f"{path}.kind: missing; allowed: one of {', '.join(kinds)}, with {path}.{given[0]}")
         return None
-    kind = str(choice(*time_function_keys("1"))(f"{path}.kind", str(table["kind"])))
-    keys = time_function_keys("1")[kind]
+    kind = str(choice(*kinds)(f"{path}.kind", str(table["kind"])))
+    keys = kinds[kind]
     values = of_keys(table, RECORD if kind == "file" else keys)
     needed = [name for name, key in keys.items() if key.required or key.default is not None]
     refuse_missing(path, values, RECORD[:2] if kind == "file" else needed)
     if kind == "file":  # of members with records of other lengths, nan after the last instant
         last = int(np.isfinite(values["time"]).sum())
         values |= {column: values[column][:last] for column in RECORD[:2]}
+        check_instants(f"{path}.time", "the record", values["time"])
     return TimeFunction(kind, values, keeps_start)
 
 

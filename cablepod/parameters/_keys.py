@@ -39,6 +39,11 @@ class Key:
         return self.is_whole or self.check.__qualname__.startswith(f"{number.__name__}.")
 
     @property
+    def is_list(self) -> bool:
+        """Whether it is a list of numbers."""
+        return self.check.__qualname__.startswith(f"{numbers_list.__name__}.")
+
+    @property
     def is_choice(self) -> bool:
         """Whether it is one of some words."""
         return self.check.__qualname__.startswith(f"{choice.__name__}.")

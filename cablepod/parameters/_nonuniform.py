@@ -11,6 +11,7 @@ import numpy as np
 
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import direction as check_direction
+from cablepod.parameters._checks import plain
 from cablepod.parameters._key_paths import listed_path
 from cablepod.parameters._keys import ATTACHED_KEYS, CABLE, PLACE_KEYS, STIFFNESS_KEYS, WEIGHT_KEYS, exactly_one
 from cablepod.parameters._parameters import Attachment, Parameters, Segment
@@ -194,7 +195,7 @@ def _attachments(tables: Mapping[str, Any], p: Parameters, above: str) -> tuple[
 
 def _unit(key: str, given: Any, p: Parameters) -> np.ndarray:
     """Return the unit vector of a direction (dims,)."""
-    given = check_direction(key, str(given) if np.ndim(given) == 0 else given)
+    given = check_direction(key, plain(given))
     if not isinstance(given, str):
         vector = np.array(given, dtype=float)
         if vector.size != p.dims:

@@ -66,9 +66,9 @@ def whole(path: str, table: Mapping[str, Any], keys: Mapping[str, Key]) -> dict[
 
 
 def check_values(fixed: Mapping[str, Any], varied: Mapping[str, np.ndarray]) -> None:
-    """Refuse numbers and words that a scene cannot have.
+    """Refuse numbers, words and lists of numbers that a scene cannot have.
 
-    Vectors and records need only be finite, which :func:`cablepod._inputs.taken` checks.
+    Vectors need only be finite, which :func:`cablepod._inputs.taken` checks; records are checked where they are read.
 
     Parameters
     ----------
@@ -85,11 +85,14 @@ def check_values(fixed: Mapping[str, Any], varied: Mapping[str, np.ndarray]) -> 
     for name, value in fixed.items():
         if not isinstance(value, np.ndarray):
             _check(name, _kind(fixed, name), value)
+        elif value.ndim == 1:
+            _check_lists(name, _kind(fixed, name), value[None])
     for name, values in varied.items():
-        if values.ndim == 1:
-            kind = _kind(fixed, name)
-            for value in _extremes(values):
-                _check(name, kind, value)
+        kind = _kind(fixed, name)
+        for value in _extremes(values) if values.ndim == 1 else ():
+            _check(name, kind, value)
+        if values.ndim == 2:
+            _check_lists(name, kind, values)
 
 
 def _extremes(values: np.ndarray) -> Iterable[Any]:
@@ -112,12 +115,26 @@ def _kind(fixed: Mapping[str, Any], name: str) -> str | None:
 @lru_cache(4096, typed=True)
 def _check(name: str, kind: str | None, value: Any) -> None:
     """Check a value; kept, as most values of a scene are those of another one."""
-    place = place_of_variable(name)
-    if place is None or place.axis:
-        return
-    known = kind if kind in time_function_keys("1") else None  # another kind is refused where it is read
-    key = key_at(place.path, known)
+    path, key = _path_and_key(name, kind)
     if key is not None and key.is_whole and isinstance(value, float) and value.is_integer():
         value = int(value)  # xarray.concat makes floats of members that lack the variable
     if key is not None and (key.is_number or key.is_choice or key.is_truth):
-        key.check(place.path, value)
+        key.check(path, value)
+
+
+def _check_lists(name: str, kind: str | None, rows: np.ndarray) -> None:
+    """Check lists of numbers, a row for each; those of nan are of members that lack the variable."""
+    path, key = _path_and_key(name, kind)
+    if key is not None and key.is_list:
+        for row in rows[~np.isnan(rows).all(axis=1)].tolist():
+            key.check(path, row)
+
+
+@lru_cache(4096)
+def _path_and_key(name: str, kind: str | None) -> tuple[str, Key | None]:
+    """Return key path and key of a variable, of a time function that of its `kind`; no key for other names and components."""
+    place = place_of_variable(name)
+    if place is None or place.axis:
+        return name, None
+    known = kind if kind in time_function_keys("1") else None  # another kind is refused where it is read
+    return place.path, key_at(place.path, known)

@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cablepod.errors import SceneError
+from cablepod.parameters._checks import SMALLEST
 
 Array = NDArray[np.float64]
 #: Kinds that are a sine of time and a constant.
 SINES = ("one_minus_cosine", "harmonic")
 #: Number of steps that have a factor in common in :func:`phasors`.
 COMMON_STEPS = 64
+#: Fewest instants of a record, which a spline needs, and its longest interval over the median one.
+FEWEST, MAX_GAP = 4, 10.0
 
 
 def smooth_step(s: Array, derivative: int = 0, scale: Any = 1.0) -> Array:
@@ -246,6 +249,27 @@ class TimeFunction:
     def end(self) -> float:
         """Last time of a record [s]; infinity for other kinds."""
         return float(self.values["time"][-1]) if self.kind == "file" else np.inf
+
+
+def check_instants(key: str, record: str, time: np.ndarray) -> None:
+    """Refuse instants [s] of a record: too few, not rising, or with a gap; messages name key and `record`."""
+    if time.size < FEWEST:
+        raise SceneError(
+            f"{key}: {record} is too short: {time.size} rows; allowed: one of at least {FEWEST} rows of numbers"
+        )
+    step = np.diff(time)
+    least = max(1e-9 * float(np.median(step)), SMALLEST)
+    if step.min() < least:
+        where = int(np.argmax(step < least))
+        raise SceneError(
+            f"{key}: {record} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising times"
+        )
+    if step.max() > MAX_GAP * np.median(step):
+        where = int(np.argmax(step))
+        raise SceneError(
+            f"{key}: {record} has a gap of {step.max():g} s after {time[where]:g} s; "
+            f"allowed: at most ten times the median spacing, {np.median(step):g} s"
+        )
 
 
 def check_reach(functions: Mapping[str, TimeFunction], time: float) -> None:

@@ -96,17 +96,17 @@ def variable(
         For a vector with another number of components.
     """
     attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units and not isinstance(value, str) else {})
+    name = variable_name(path)
+    if key.check is points:
+        for index, vector in enumerate(value):
+            _check_vector(f"{path}[{index}]", vector, axes)
+        return (f"{name}_point", "coordinate"), np.array(value, dtype=float), attrs
     array = np.asarray(value)
     if array.ndim == 0:
         return (), array, attrs
     if key.check in (point, direction):
         _check_vector(path, value, axes)
         return ("coordinate",), array.astype(float), attrs
-    name = variable_name(path)
-    if key.check is points:
-        for index, vector in enumerate(value):
-            _check_vector(f"{path}[{index}]", vector, axes)
-        return (f"{name}_point", "coordinate"), np.array(value, dtype=float), attrs
     return (f"{name}_item",), array.astype(float), attrs
 
 

@@ -11,10 +11,13 @@ import numpy as np
 
 from cablepod._inputs import powers
 from cablepod.errors import SceneError, named, shown
-from cablepod.parameters._checks import LARGEST, SMALLEST
+from cablepod.parameters._checks import LARGEST
+from cablepod.parameters._time_functions import check_instants
 
 #: Maximum size of a record [bytes].
 LARGEST_FILE = 64 * 2**20
+#: Column of a record: its name, and its units if they are stated.
+COLUMN = re.compile(r"(.*?)\s*(?:[\[(](.*)[\])])?")
 #: Maximum size of a scene file [bytes]: a hundred thousand numbers, which are parsed in two seconds.
 LARGEST_SCENE = 4 * 2**20
 
@@ -62,13 +65,18 @@ def read_record(key: str, path: Path) -> dict[str, list[float]]:
     allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"
     if not rows:
         raise SceneError(f"{key}: {name} is empty; allowed: {allowed}")
-    header = [name.strip() for name in rows[0]]
+    columns = [COLUMN.fullmatch(cell.strip()) for cell in rows[0]]
+    header, units = [column[1] for column in columns if column], [column[2] for column in columns if column]
     if len(header) != 2 or header.count("time") != 1:
-        raise SceneError(f"{key}: {name} has the columns {shown(', '.join(header))}; allowed: {allowed}")
-    units = "m" if "motion." in key else "1"
-    stated = re.search(r"\[(.*)\]", header[1 - header.index("time")])
-    if stated and powers(stated[1]) != powers(units):
-        raise SceneError(f"{key}: {name} has values in {shown(stated[1])}; allowed: {units}, or a column without units")
+        raise SceneError(
+            f"{key}: {name} has the columns {shown(', '.join(map(str.strip, rows[0])))}; allowed: {allowed}"
+        )
+    place = header.index("time")
+    for what, stated, own in (
+        ("times", units[place], "s"), ("values", units[1 - place], "m" if "motion." in key else "1"),
+    ):  # fmt: skip
+        if stated and powers(stated) != powers(own):
+            raise SceneError(f"{key}: {name} has {what} in {shown(stated)}; allowed: {own}, or a column without units")
     table = []
     for number, row in enumerate(rows[1:], start=1):
         try:
@@ -79,21 +87,7 @@ def read_record(key: str, path: Path) -> dict[str, list[float]]:
             given = shown(",".join(row))
             raise SceneError(f"{key}: {name} has a gap: row {number} holds {given}; allowed: two finite numbers")
         table.append(values)
-    if len(table) < 4:
-        raise SceneError(f"{key}: {name} is too short: {len(table)} rows; allowed: {allowed}")
-    column = np.array(table)
-    time, value = column[:, header.index("time")], column[:, 1 - header.index("time")]
-    step = np.diff(time)
-    least = max(1e-9 * float(np.median(step)), SMALLEST)
-    if step.min() < least:
-        where = int(np.argmax(step < least))
-        raise SceneError(
-            f"{key}: {name} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising times"
-        )
-    if step.max() > 10.0 * np.median(step):
-        where = int(np.argmax(step))
-        raise SceneError(
-            f"{key}: {name} has a gap of {step.max():g} s after {time[where]:g} s; "
-            f"allowed: at most ten times the median spacing, {np.median(step):g} s"
-        )
+    column = np.array(table).reshape(-1, 2)
+    time, value = column[:, place], column[:, 1 - place]
+    check_instants(key, name, time)
     return {"time": time.tolist(), "value": value.tolist()}

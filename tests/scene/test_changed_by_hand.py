@@ -90,6 +90,13 @@ def test_a_member_that_no_scene_is_is_refused():
             cp.catenary.rest(other)
 
 
+def test_no_members_are_refused():
+    members = cp.ensemble.design(examples.scene("example2"), {"cable.area": [1e-4, 2e-4]}, members=5, seed=1)
+    for function in (cp.catenary.rest, cp.chain.simulate, cp.summary):
+        with pytest.raises(cp.SceneError, match=r"^scene: given no members; allowed: at least one"):
+            function(members.isel(member=[]))
+
+
 def test_whole_numbers_may_be_floats_where_a_member_lacks_them():
     tree = {key: value for key, value in examples_tree().items() if key != "chain"}
     scenes = [cp.make_scene({**tree, "chain": {"links": 8}}), cp.make_scene(tree)]
@@ -112,6 +119,14 @@ GUY = {
     "segment": [{"to": 0.4}, {"density": 7000.0}],
     "attachment": [{"arc_length": 0.5, "mass": 20.0}],
 }
+
+
+def record(times: list[float]) -> dict[str, object]:
+    """Variables of a record of zeros."""
+    samples = {"time": ("motion_upper_x_sample", times), "value": ("motion_upper_x_sample", np.zeros(len(times)))}
+    return {f"motion_upper_x_{key}": value for key, value in {"kind": "file", **samples}.items()}
+
+
 #: Variables that do not go with those of the scene, and what is said.
 TOGETHER = [
     ({"cable_axial_stiffness": 2e7}, r"cable: given youngs_modulus = .* and axial_stiffness = .*; allowed: exactly one"),
@@ -129,6 +144,11 @@ TOGETHER = [
     ({"attachment_3_mass": 3.0}, r"attachment\.3: given without attachment\.2; allowed: tables numbered from 1"),
     ({"motion_upper_z_kind": "ramp", "motion_upper_z_amplitude": 0.1, "motion_upper_z_duration": 1.0},
      r"motion\.upper\.z: unknown axis; allowed: x, y"),
+    ({"motion_upper_x_amplitude": 0.1}, r"motion\.upper\.x\.kind: missing; allowed: one of .*, with motion\.upper\.x\.amp"),
+    ({"chain_link_lengths": ("chain_link_lengths_item", [1.0, -2.0, 2.0, 1.0])}, r"chain\.link_lengths\[1\]: given -2\.0;"),
+    ({"damping_ratios": ("damping_ratios_item", [-0.1])}, r"damping\.ratios\[0\]: given -0\.1; allowed: .* of at least 0"),
+    (record([0.0, 2.0, 1.0, 3.0]), r"motion\.upper\.x\.time: the record is unsorted: time 1 s follows 2 s; allowed: rising"),
+    (record([0.0, 1.0, 2.0]), r"motion\.upper\.x\.time: the record is too short: 3 rows; allowed: one of at least 4"),
 ]  # fmt: skip
 
 

@@ -173,6 +173,7 @@ MISTAKES = [
     ("initial.points", [[0, 0], [8]], r"^initial\.points\[1\]: given \[8\]; allowed: a list of two or three finite"),
     ("initial.points", [[0, 0], 8], r"^initial\.points\[1\]: given 8; allowed: a list of two or three finite"),
     ("initial.points", [[0, 0, 0], [8, 6, 0]], r"^initial\.points\[0\]: given 3 numbers; allowed: 2 numbers, for x, y"),
+    ("initial.points", [[0, 0], [8, 6, 0]], r"^initial\.points\[1\]: given 3 numbers; allowed: 2 numbers, for x, y"),
     ("initial.points", [[0, 0], [8, 6.1]], r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that begins and ends"),
     ("initial", {"points": [[0, 0], [8, 6], [8, 6.1]]}, r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that"),
     ("initial.points", np.array(1.0), r"^initial\.points: given array\(1\.\); allowed: a list of at least two points$"),

@@ -36,6 +36,8 @@ RECORDS = {
     "nul": (b"\x00\x01\x02" * 99, r"has the columns '.x00.*; allowed: a CSV file with a header"),
     "three columns": (csv(ROWS, "time,x,y"), r"has the columns 'time, x, y'; allowed: a CSV file with a header"),
     "millimetres": (csv(ROWS, "time,x [mm]"), r"has values in 'mm'; allowed: [m1], or a column without units$"),
+    "in round brackets": (csv(ROWS, "time,x (mm)"), r"has values in 'mm'; allowed: [m1], or a column without units$"),
+    "milliseconds": (csv(ROWS, "time [ms],x"), r"has times in 'ms'; allowed: s, or a column without units$"),
     "one column": (csv([(0,)] * 5, "time"), r"has the columns 'time'; allowed: a CSV file with a header"),
     "no time": (csv(ROWS, "t,value"), r"has the columns 't, value'; allowed: a CSV file with a header"),
     "two times": (csv(ROWS, "time,time"), r"has the columns 'time, time'; allowed: a CSV file with a header"),
@@ -120,7 +122,7 @@ def test_a_record_may_end_a_rounding_before_the_run(soft, scene_folder):
     assert cp.chain.simulate(cp.make_scene(soft), step=1e-3).sizes["time"] == 4
 
 
-@pytest.mark.parametrize("order", ["time,value", "value,time", " time , anything "])
+@pytest.mark.parametrize("order", ["time,value", "value,time", " time , anything ", "time (s),x [m]"])
 def test_good_records(soft, scene_folder, order):
     rows = [(v, t) if order.startswith("value") else (t, v) for t, v in ROWS]
     write(scene_folder / "good.csv", "\ufeff# comment\n" + csv(rows, order).replace("\n", "\r\n") + "\n\n")
