@@ -205,7 +205,7 @@ def animate(
     most = _count(chain, times) if frames is None else integer(least=1)("frames", frames)
     picked = _style.spread(times.size, most)
     curves = list(_style.curves(runs, positions, times[picked], deflection=deflection).values())
-    ax = _style.private_axes() if ax is None else ax
+    ax = _style.axes(ax, private=True)
     ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[picked[0]]:g} s")
     lines = []
     for key, (across, up) in zip(runs, curves, strict=True):

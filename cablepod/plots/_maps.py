@@ -89,15 +89,17 @@ def parameter_map(
     if is_grid and np.array_equal(across[order], full[0]) and np.array_equal(up[order], full[1]):
         table = np.ma.masked_invalid(values[order].reshape(rows.size, columns.size))
         drawn: Any = _style.colour_cells(ax, columns, rows, table)
-        if contours and table.count() > 3 and table.max() > table.min():
-            middle = 0.5 * (float(table.max()) + float(table.min()))
-            # white on dark and black on light areas
-            lines = ax.contour(columns, rows, table, levels=6, linewidths=0.8)
-            lines.set_edgecolor(["white" if level < middle else "black" for level in lines.levels])
-            ax.clabel(lines, fontsize=8, colors=["white" if level < middle else "black" for level in lines.levels])
     else:
+        table = np.ma.masked_all(0)
         drawn = ax.scatter(across[~missing], up[~missing], c=values[~missing], cmap="cividis", edgecolors="0.4", s=36)
-    _style.colour_bar(ax, drawn, _label(result, variable), values)
+    factor = _style.colour_bar(ax, drawn, _label(result, variable), values)
+    if contours and table.count() > 3 and table.max() > table.min():
+        lines = ax.contour(columns, rows, table, levels=6, linewidths=0.8)
+        middle = 0.5 * (float(table.max()) + float(table.min()))
+        colours = ["white" if level < middle else "black" for level in lines.levels]  # on dark and on light areas
+        lines.set_edgecolor(colours)
+        as_on_bar = None if factor == 1.0 else lambda level: f"{factor * level:.4g}"
+        ax.clabel(lines, fontsize=8, colors=colours, fmt=as_on_bar)
     for axis, name, drawn_values, of in ((ax.xaxis, x, across, in_hertz[0]), (ax.yaxis, y, up, in_hertz[1])):
         _style.label_axis(axis, _label(result, name, hertz=of), drawn_values)
     marks = [f"{lacking.sum()} members without {x} or {y} left out"] if across.size < lacking.size else []

@@ -47,7 +47,7 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         For another Dataset.
     """
     tensions = _style.take("run", run, "guy_tension", ("time", "guy"), TENSIONS)
-    time, tension = tensions["time"].values, 1e-3 * tensions.values
+    time, tension = tensions["time"].values, tensions.values
     ax = _style.axes(ax)
     tables = np.ones(tension.shape[1], dtype=int)
     if "table" in run:
@@ -59,7 +59,8 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         number = int(np.sum(tables[:g] == table))
         colour, line = COLOURS[int(table - 1) % len(COLOURS)], LINES[number % len(LINES)]
         ax.plot(time, tension[:, g], color=colour, linestyle=line, linewidth=0.8, label=names[g])
-    ax.set(xlabel="time [s]", ylabel="tension at the mast [kN]")
+    ax.set_xlabel("time [s]")
+    _style.label_axis(ax.yaxis, "tension at the mast [N]", tension)
     _mark_breaks(ax, run, time)
     return _style.finish(ax, fontsize="small")
 
@@ -142,14 +143,15 @@ def bending_moments(result: xr.Dataset, *, component: str | None = None, ax: Axe
     if component is None:
         sizes = [max(float(abs(moment.sel(coordinate=way)).max()) for moment in moments) for way in DIRECTIONS]
         component = DIRECTIONS[int(np.argmax(sizes))]
-    values = [1e-3 * moment.sel(coordinate=component).values for moment in moments]
+    values = [moment.sel(coordinate=component).values for moment in moments]
     for name, numbers, line in zip(names, values, LINES, strict=False):
         ax.plot(numbers, height, color=COLOURS[0], linestyle=line, label=name.replace("bending_moment", "").strip("_"))
     if len(values) == 2:
         ax.fill_betweenx(height, values[0], values[1], color=COLOURS[0], alpha=0.15)
         ax.legend(fontsize="small")
     ax.axvline(0.0, color="0.7", linewidth=0.8, zorder=0)
-    ax.set(xlabel=f"bending moment for displacements along {component} [kN m]", ylabel="height [m]")
+    _style.label_axis(ax.xaxis, f"bending moment for displacements along {component} [N m]", np.array(values))
+    ax.set_ylabel("height [m]")
     return ax
 
 

@@ -55,7 +55,7 @@ def animate_mast(
     Notes
     -----
     A parallel projection from above and from the side, 25 degrees off z.  Between the levels of the guys the mast is drawn as a
-    smooth line through its displacements.
+    smooth line through its displacements.  A guy is drawn until it breaks.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -71,14 +71,16 @@ def animate_mast(
         if array.dtype.itemsize < 4:
             raise SceneError(f"run: given {array.name} of type {array.dtype}; allowed: float32 or float64, {MOVING}")
     heights = _style.take("run", run, "level", ("level",), MOVING)
+    broken = np.isnan(guys.values).all(axis=(2, 3))  # a guy that broke is nowhere
     for array in (heights, moved, guys, tension):
-        if not np.isfinite(array.values).all():
+        finite = np.isfinite(array.values)
+        if not (finite | broken[..., None, None] if array is guys else finite).all() or broken.all():
             raise SceneError(f"run: given {array.name} that is not finite; allowed: finite numbers, {MOVING}")
     most = MOST_FRAMES if frames is None else integer(least=1)("frames", frames)
     picked = _style.spread(moved.sizes["time"], most)
     level = heights.values.astype(float)
     displacement, position = (array.values[picked].astype(float) for array in (moved, guys))
-    force = 1e-3 * tension.values[picked].astype(float)
+    force = tension.values[picked].astype(float)
     if scale is None:
         scale = DRAWN * float(level[-1]) / max(float(np.abs(displacement).max()), 1e-12)
     else:
@@ -93,9 +95,10 @@ def animate_mast(
     straight[..., (0, 2)] = 0.0
     ends = straight + scale * (position[:, :, -1:] - straight)
     deflection = position - chord
-    sag = deflection.mean(axis=0)
+    held = ~broken[picked, :, None, None]
+    sag = np.sum(deflection, axis=0, where=held) / np.maximum(held.sum(axis=0), 1)
     drawn = position[:, :, :1] + sigma * (ends - position[:, :, :1]) + sag + scale * (deflection - sag)
-    ax = _style.private_axes() if ax is None else ax
+    ax = _style.axes(ax, private=True)
     across, up = _projected(shape)
     guy_across, guy_up = _projected(drawn)
     limits = Normalize(float(force.min()), float(force.max()))
@@ -106,10 +109,10 @@ def animate_mast(
     (mast,) = ax.plot(across[0], up[0], color="black", linewidth=2.0)
     lines = [ax.plot(guy_across[0, g], guy_up[0, g], linewidth=1.5)[0] for g in range(position.shape[1])]
     for name, parts in (("x", (across, guy_across)), ("y", (up, guy_up))):
-        low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
+        low, high = min(float(np.nanmin(part)) for part in parts), max(float(np.nanmax(part)) for part in parts)
         getattr(ax, f"set_{name}lim")(low - 0.05 * (high - low), high + 0.1 * (high - low))
     ax.set(xlabel="[m]", ylabel=f"[m], motion enlarged {scale:.3g} times", aspect="equal")
-    ax.figure.colorbar(ScalarMappable(limits, "viridis"), ax=ax, label="tension [kN]", shrink=0.8)
+    _style.colour_bar(ax, ScalarMappable(limits, "viridis"), "tension [N]", force, shrink=0.8)
 
     def show(i: int) -> None:
         mast.set_data(across[i], up[i])

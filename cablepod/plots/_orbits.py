@@ -56,7 +56,7 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
     spatial = any(np.abs(lateral).max() > 1e-12 * max(np.abs(normal).max(), 1e-300) for _, normal, lateral in paths)
     ax = _style.axes(ax, size=_style.EQUAL_SIZE if spatial else _style.SIZE)
     for k, (time, normal, lateral) in enumerate(paths):
-        across, up = (lateral, normal) if spatial else (normal, np.gradient(normal, time))
+        across, up = (lateral, normal) if spatial else (normal, _rate(normal, time))
         label = f"orbit {k + 1}"
         if "angular_frequency" in orbits[k]:
             label = f"{_style.take('orbits', orbits[k], 'angular_frequency', (), ORBIT).item():.4g} rad/s"
@@ -101,7 +101,7 @@ def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None
     count = min(integer(least=2)("frames", frames), time.size)
     picked = np.unique(np.linspace(0, time.size, count, endpoint=False).astype(int))
     inside, lateral = _deflections("orbit", position)
-    ax = _style.private_axes() if ax is None else ax
+    ax = _style.axes(ax, private=True)
     size = 1.1 * max(float(np.ptp(inside)), float(np.ptp(lateral)), 1e-300) / 2.0
     every = max(1, inside.shape[1] // MAX_DOTS)
     for k in range(0, inside.shape[1], max(1, inside.shape[1] // PATHS)):
@@ -128,6 +128,13 @@ def _deflections(key: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """Return deflections normal to the chord, in the plane of chord and vertical and out of it (time, particle) [m]."""
     inside = _style.normal_deflection(key, position)
     return inside, _style.normal_deflection(key, position, across=True) if position.shape[2] > 2 else 0.0 * inside
+
+
+def _rate(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the rate of a periodic quantity over a period, from its first instant to the same one a period later."""
+    period = time[-1] - time[0]
+    around = np.concatenate([time[-2:-1] - period, time, time[1:2] + period])
+    return np.asarray(np.gradient(np.concatenate([values[-2:-1], values, values[1:2]]), around)[1:-1])
 
 
 def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

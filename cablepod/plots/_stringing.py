@@ -41,7 +41,7 @@ def stringing(table: xr.Dataset, *, variable: str = "tension_upper", ax: Axes | 
         over = [str(name) for name, array in table.data_vars.items() if "temperature" in array.dims]
         if over:
             raise scene_error("variable", variable, f"one of {', '.join(over)}")
-    if isinstance(table, xr.Dataset) and "mode" in table.dims:
+    if isinstance(table, xr.Dataset) and table.sizes.get("mode"):
         table = table.isel(mode=0, drop=True)
     values = _style.take("table", table, variable, ("temperature",), TABLE, more=1)
     temperature = _style.take("table", table, "temperature", ("temperature",), TABLE)

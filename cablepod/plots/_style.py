@@ -11,6 +11,7 @@ import xarray as xr
 from cablepod._inputs import ANY, WITH_PLACES, drawn_kind, taken
 from cablepod.conventions import printed_unit
 from cablepod.errors import SceneError, scene_error
+from cablepod.plots._page_html import unit_text
 from cablepod.pod._snapshots import relative_arc_length
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ MARKS = 12
 MAX_DOTS = 40
 #: Number of letters in a line of the label of an axis.
 LABEL_WIDTH = 42
+#: The same of the legend, so that long names leave room for the axes.
+LEGEND_WIDTH = 28
 #: Variables of each link, or guy of a mast -> dimension and extreme over it.
 OVER_PLACES: dict[str, tuple[str, Any]] = {
     "tension_maximum": ("link", np.max), "tension_minimum": ("link", np.min),
@@ -43,13 +46,17 @@ TRAJECTORY = "a trajectory, from a simulate"
 MODES = "modes, from pod.decompose"
 
 
-def axes(ax: Axes | None, *, size: tuple[float, float] = SIZE) -> Axes:
-    """Return `ax`, or new axes in a figure of `size` [inch]."""
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot as plt  # slow to import
+def axes(ax: Axes | None, *, size: tuple[float, float] = SIZE, private: bool = False) -> Axes:
+    """Return `ax`, refused if it is none, or new axes in a figure of `size` [inch], `private` as of :func:`private_axes`."""
+    if ax is None and private:
+        return private_axes()
+    from matplotlib import axes, pyplot  # slow to import
 
-    return plt.subplots(figsize=size, layout="constrained")[1]
+    if ax is None:
+        return pyplot.subplots(figsize=size, layout="constrained")[1]
+    if not isinstance(ax, axes.Axes):
+        raise scene_error("ax", type(ax).__name__, "axes of matplotlib, or none for new ones")
+    return ax
 
 
 def private_axes() -> Axes:
@@ -62,23 +69,26 @@ def private_axes() -> Axes:
     return figure.subplots()
 
 
-def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
-    """Set the label of an axis, in lines that fit; forces are written in the unit in which tables print them."""
+def label_axis(axis: Any, label: str, values: np.ndarray) -> float:
+    """Set the label of an axis, "text [units]", in lines that fit; return the factor from `values` to what is written.
+
+    Forces and moments are written in the unit in which tables print them.
+    """
     from matplotlib.ticker import FuncFormatter
 
-    if label.endswith("[N]"):
-        factor, unit = printed_unit("N", float(np.nanmax(np.abs(values), initial=0.0)))
-        label = f"{label.removesuffix('[N]')}[{unit}]"
+    text, _, units = label.removesuffix("]").rpartition(" [")
+    factor, unit = 1.0, unit_text(units) or units
+    if units in ("N", "N m"):
+        factor, unit = printed_unit(units, float(np.nanmax(np.abs(values), initial=0.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{factor * value:g}"))
-    text, _, units = label.rpartition(" ")
-    axis.set_label_text(
-        textwrap.fill(f"{text}\N{NO-BREAK SPACE}{units}", LABEL_WIDTH).replace("\N{NO-BREAK SPACE}", " ")
-    )
+    kept = f"\N{NO-BREAK SPACE}[{unit}]".replace(" ", "\N{NO-BREAK SPACE}")
+    axis.set_label_text(textwrap.fill(f"{text}{kept}", LABEL_WIDTH).replace("\N{NO-BREAK SPACE}", " "))
+    return factor
 
 
-def colour_bar(ax: Axes, drawn: Any, label: str, values: np.ndarray) -> None:
-    """Add a colour bar of what is drawn, labelled as by :func:`label_axis`."""
-    label_axis(ax.figure.colorbar(drawn, ax=ax).ax.yaxis, label, values)
+def colour_bar(ax: Axes, drawn: Any, label: str, values: np.ndarray, **look: Any) -> float:
+    """Add a colour bar of what is drawn, labelled as by :func:`label_axis`, whose factor it returns."""
+    return label_axis(ax.figure.colorbar(drawn, ax=ax, **look).ax.yaxis, label, values)
 
 
 def equal_axes(ax: Axes, up: str = "y") -> None:
@@ -91,7 +101,8 @@ def finish(ax: Axes, **legend: Any) -> Axes:
     """Add grid and legend; return `ax`."""
     ax.grid(alpha=0.3)
     place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
-    ax.legend(**place, handlelength=3.0, alignment="left", **legend)
+    for text in ax.legend(**place, handlelength=3.0, alignment="left", **legend).get_texts():
+        text.set_text("\n".join(textwrap.fill(line, LEGEND_WIDTH) for line in text.get_text().split("\n")))
     return ax
 
 

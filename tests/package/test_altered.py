@@ -201,3 +201,13 @@ def test_a_mast_that_is_not_finite_is_refused(name, value):
         run[name].values.flat[-1] = value
     with pytest.raises(cp.SceneError, match=f"^run: .*{name}.* finite"):
         cp.plots.animate_mast(run, frames=2)
+
+
+def test_a_guy_that_broke_is_drawn_until_then():
+    run = datasets()["mast motion"].copy(deep=True)
+    run["guy_position"][1:, 0] = np.nan
+    movie = cp.plots.animate_mast(run, frames=2)
+    guys = [line for line in movie.show_frame(0).lines if (line.get_linewidth(), line.get_linestyle()) == (1.5, "-")]
+    assert all(np.isfinite(guy.get_xdata()).all() for guy in guys)
+    movie.show_frame(1)
+    assert [bool(np.isfinite(guy.get_xdata()).all()) for guy in guys] == [False] + [True] * (len(guys) - 1)

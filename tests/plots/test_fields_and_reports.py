@@ -193,9 +193,14 @@ def test_members_on_a_full_grid_make_a_map_in_any_order():
         ax = plots.parameter_map(given, "peak", x="omega", y="size", contours=True)
         expected = 100.0 * np.array([1.0, 2.0, 4.0]) + np.array([[10.0], [20.0], [30.0]])
         np.testing.assert_array_equal(mesh_of(ax).get_array(), expected)
-        assert (ax.get_xlabel(), ax.get_ylabel()) == ("omega [rad s-1]", "sway [m]")
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("omega [rad/s]", "sway [m]")
         assert ax.figure.axes[1].get_ylabel() == "peak tension [N]"
         assert ax.texts  # numbers on lines of equal value
+        large = given.assign(peak=given.peak.copy(data=1e3 * given.peak))
+        ax = plots.parameter_map(large, "peak", x="omega", y="size", contours=True)
+        assert ax.figure.axes[1].get_ylabel() == "peak tension [kN]"
+        assert ax.texts
+        assert all(100.0 < float(text.get_text()) < 430.0 for text in ax.texts)
     table = xr.Dataset({"peak": (("omega", "size"), expected.T)}, coords={"omega": [1, 2, 4], "size": [10, 20, 30]})
     ax = plots.parameter_map(table, "peak", x="omega", y="size")
     np.testing.assert_array_equal(mesh_of(ax).get_array(), expected)

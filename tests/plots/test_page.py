@@ -260,6 +260,8 @@ def test_pictures_of_a_mast_mark_what_breaks_and_what_is_not_to_scale():
     assert any(list(line.get_xdata()) == [breaks[1]] * 2 for line in axes.lines)
     breaks[1] = last + 1.0  # after the run
     assert not cp.plots.guy_tensions(run.assign_coords(guy_breaks=("guy", breaks))).texts
+    few = cp.plots.guy_tensions(run.assign(guy_tension=run.guy_tension.copy(data=1e-4 * run.guy_tension)))
+    assert [one.get_ylabel() for one in (axes, few)] == ["tension at the mast [kN]", "tension at the mast [N]"]
     assert "not to scale" in cp.plots.mast_shapes(frequencies).get_xlabel()
 
 

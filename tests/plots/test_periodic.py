@@ -130,6 +130,7 @@ def test_backbones_and_orbits():
     plane = orbit.isel(coordinate=[0, 1])
     line = plots.orbit(plane).get_lines()[0]
     assert np.abs(line.get_ydata()).max() == pytest.approx(0.2 * np.pi, rel=1e-2)  # differences over 64 instants
+    assert line.get_ydata()[[0, -1]] == pytest.approx(0.0, abs=1e-12)  # as between all others, round the period
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from drawings import texts
+from matplotlib import pyplot as plt
 
 import cablepod as cp
 from cablepod import plots
@@ -67,6 +68,12 @@ def test_errors_over_time_take_a_list_too():
     assert texts(plots.error_over_time(given)) == ["condensed model, r = 1", "condensed model, r = 2"]
     same = [comparison().assign_attrs(title="")] * 2
     assert texts(plots.error_over_time(same)) == ["comparison (1)", "comparison (2)"]
+    assert texts(plots.error_over_time({"wind and ice, the rarest of all cases": comparison()})) == [
+        "wind and ice, the rarest of\nall cases"
+    ]
+    for axes in (5, plt.figure()):
+        with pytest.raises(cp.SceneError, match=f"^ax: given '{type(axes).__name__}'; allowed: axes of matplotlib"):
+            plots.error_over_time(given, ax=axes)
     for nothing in ([], {}, ()):
         with pytest.raises(cp.SceneError, match=r"comparisons: given 'nothing'; allowed: a mapping, .* or a list"):
             plots.error_over_time(nothing)
