@@ -18,6 +18,7 @@ from cablepod.parameters._given import both_ends, check_start, cross_section
 from cablepod.parameters._ice import iced
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import (
+    FUNCTION_KEYS,
     INITIAL,
     LENGTH_KEYS,
     POINT_LOAD,
@@ -37,8 +38,6 @@ from cablepod.provenance import digest
 
 #: Variables of a record: times [s] and values, duration of the smooth start [s].
 RECORD = ("time", "value", "ramp")
-#: Keys of the time functions of all kinds, those of records with their samples.
-FUNCTION_KEYS = {*RECORD, *(name for keys in time_function_keys("1").values() for name in keys)}
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
 STACKED_TABLES = ("gravity", *TEMPERATURES, "cable_", "ends_", "load_", "motion_", "damping_")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")

@@ -254,6 +254,10 @@ def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
     }
 
 
+#: Keys of the time functions of all kinds.
+FUNCTION_KEYS = frozenset(name for keys in time_function_keys("1").values() for name in keys)
+
+
 def check_damping(damping: Mapping[str, Any]) -> None:
     """Refuse damping ratios beside other keys of the table but the viscosity of the links.
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod.conventions import direction
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._checks import choice, integer
+from cablepod.parameters._checks import choice, integer, plain
 from cablepod.plots import _style
 from cablepod.plots._style import COLOURS, LINES
 
@@ -139,7 +139,7 @@ def bending_moments(result: xr.Dataset, *, component: str | None = None, ax: Axe
     for moment in moments:
         for wanted in DIRECTIONS if component is None else (component,):
             if wanted not in moment["coordinate"].values.tolist():
-                raise scene_error("result", list(moment["coordinate"].values), f"labels of coordinate, with {wanted}")
+                raise scene_error("result", plain(moment["coordinate"].values), f"labels of coordinate, with {wanted}")
     if component is None:
         sizes = [max(float(abs(moment.sel(coordinate=way)).max()) for moment in moments) for way in DIRECTIONS]
         component = DIRECTIONS[int(np.argmax(sizes))]

@@ -65,11 +65,8 @@ def animate_mast(
     moved = _style.take("run", run, "displacement", ("time", "level", "coordinate"), MOVING)
     guys = _style.take("run", run, "guy_position", ("time", "guy", "point", "coordinate"), MOVING)
     tension = _style.take("run", run, "guy_tension", ("time", "guy"), MOVING)
-    if moved.shape[-1] != 3 or guys.shape[-1] != 3 or not moved.size or not guys.size:
+    if moved.shape[-1] != 3 or guys.shape[-1] != 3:
         raise scene_error("run", guys.shape, MOVING)
-    for array in (moved, guys, tension):
-        if array.dtype.itemsize < 4:
-            raise SceneError(f"run: given {array.name} of type {array.dtype}; allowed: float32 or float64, {MOVING}")
     heights = _style.take("run", run, "level", ("level",), MOVING)
     broken = np.isnan(guys.values).all(axis=(2, 3))  # a guy that broke is nowhere
     for array in (heights, moved, guys, tension):

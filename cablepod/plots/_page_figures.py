@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.plots import _cables, _maps, _mast, _modes, _periodic, _reports, _stringing, _wind
-from cablepod.plots._page_tables import ROUNDING_SHARE
+from cablepod.plots._page_tables import ROUNDING_SHARE, stage_of_scene
 from cablepod.plots._style import private_axes
 
 #: Resolution of a figure [dots per inch].
@@ -149,14 +149,17 @@ def _of_responses(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
 
 
 def _of_cables(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
-    """Yield the deflection of the full model, with the reduced model beside it that expects the least error."""
+    """Yield the deflection of the full model, with the reduced one of its scene beside it that expects the least error."""
     runs = {
         name: dataset
         for name, dataset in results.items()
         if _has(dataset, "position", "time", "particle", "coordinate") and "time" in dataset.coords
     }
     full = next((name for name, run in runs.items() if "rank" not in run.attrs), None)
-    reduced = [name for name, run in runs.items() if "rank" in run.attrs]
+    scenes = {name: (stage_of_scene(run) or {}).get("id") for name, run in runs.items()}
+    reduced = [
+        name for name, run in runs.items() if "rank" in run.attrs and (full is None or scenes[name] == scenes[full])
+    ]
     best = min(reduced, key=lambda name: _estimate(runs[name]), default=None)
     first, second = (best, None) if full is None else (full, best)
     if first is None:

@@ -321,13 +321,18 @@ def stages_of(dataset: xr.Dataset) -> list[dict[str, Any]]:
         return []
 
 
+def stage_of_scene(dataset: xr.Dataset) -> dict[str, Any] | None:
+    """Return the stage of a history that made the scene; None without one."""
+    return next((stage for stage in stages_of(dataset) if isinstance(stage["parameters"].get("scene"), dict)), None)
+
+
 def input_from_history(dataset: xr.Dataset) -> Table | None:
     """Return the keys of the scene that a history tells; None without one."""
-    stages = [stage for stage in stages_of(dataset) if isinstance(stage["parameters"].get("scene"), dict)]
-    if not stages:
+    stage = stage_of_scene(dataset)
+    if stage is None:
         return None
     rows = []
-    for path, value in _paths(stages[0]["parameters"]["scene"]):
+    for path, value in _paths(stage["parameters"]["scene"]):
         key = key_of_variable(variable_name(path))
         units = "" if key is None or key.units is None else unit_text(key.units)
         rows.append([path, _given(value), units, "" if key is None else key.long_name])

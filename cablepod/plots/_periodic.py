@@ -133,10 +133,9 @@ def _runs(stable: np.ndarray) -> list[tuple[int, int, bool]]:
 
 
 def _label(array: xr.DataArray) -> str:
-    """Return long name and units of a variable."""
-    return f"{array.attrs.get('long_name', array.name)} [{array.attrs.get('units', '1')}]".replace(
-        "normal to the chord, ", ""
-    ).replace(" of the link over", " anywhere over")
+    """Return long name and units of a variable, as far as they do not follow from the figure."""
+    text = _style.label_of(array).replace("normal to the chord, ", "")
+    return text.replace(" of the link over", " anywhere over")
 
 
 def backbone(*backbones: xr.Dataset, ax: Axes | None = None) -> Axes:

@@ -50,8 +50,7 @@ def stringing(table: xr.Dataset, *, variable: str = "tension_upper", ax: Axes | 
         label = name or str(table.attrs.get("air", "")) or None
         ax.plot(temperature.values, part, label=label, **_style.style(k, k, part.size))
     ax.set_xlabel("temperature [°C]")
-    attrs = values.attrs
-    _style.label_axis(ax.yaxis, f"{attrs.get('long_name', variable)} [{attrs.get('units', '1')}]", values.values)
+    _style.label_axis(ax.yaxis, _style.label_of(values), values.values)
     if isinstance(title := table.attrs.get("title"), str):
         ax.set_title(title.removesuffix(": stringing"))
     return _style.finish(ax)

@@ -11,6 +11,7 @@ import xarray as xr
 from cablepod._inputs import ANY, WITH_PLACES, drawn_kind, taken
 from cablepod.conventions import printed_unit
 from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import plain
 from cablepod.plots._page_html import unit_text
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -89,6 +90,12 @@ def label_axis(axis: Any, label: str, values: np.ndarray) -> float:
 def colour_bar(ax: Axes, drawn: Any, label: str, values: np.ndarray, **look: Any) -> float:
     """Add a colour bar of what is drawn, labelled as by :func:`label_axis`, whose factor it returns."""
     return label_axis(ax.figure.colorbar(drawn, ax=ax, **look).ax.yaxis, label, values)
+
+
+def label_of(array: xr.DataArray) -> str:
+    """Return long name and units of a variable, "text [units]"."""
+    name = array.attrs.get("long_name", str(array.name).replace("_", " "))
+    return f"{name} [{array.attrs.get('units', '1')}]"
 
 
 def equal_axes(ax: Axes, up: str = "y") -> None:
@@ -194,7 +201,7 @@ def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
     first = next(iter(positions.values()))
     for key, position in positions.items():
         if position.sizes["coordinate"] != first.sizes["coordinate"]:
-            raise scene_error(key, list(position["coordinate"].values), "the coordinates of the chain")
+            raise scene_error(key, plain(position["coordinate"].values), "the coordinates of the chain")
     return positions
 
 

@@ -17,6 +17,7 @@ from cablepod.parameters._key_paths import listed_path, motion_path
 from cablepod.parameters._keys import (
     ATTACHMENT,
     ENSEMBLE,
+    FUNCTION_KEYS,
     LENGTH_KEYS,
     OTHER_TABLES,
     POINT_LOAD,
@@ -90,7 +91,7 @@ def check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: 
         raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
     load = {name: value for name, value in table.items() if name in keys}
     factor = {name: value for name, value in table.items() if name not in keys}
-    factor_keys = {"kind", *(name for kind in time_function_keys("1").values() for name in kind)}
+    factor_keys = {"kind", *FUNCTION_KEYS}
     for name in factor:
         if name not in factor_keys:
             similar = meant(prefix, name, {*keys, *factor_keys})

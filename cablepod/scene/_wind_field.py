@@ -14,6 +14,7 @@ from cablepod._inputs import check_units
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, named, scene_error
 from cablepod.parameters._parameters import InWind, Parameters, has_record
+from cablepod.parameters._time_functions import MAX_GAP
 from cablepod.scene._files import read_bytes
 
 #: Key of the record.
@@ -24,8 +25,6 @@ LARGEST_FIELD = 2**30
 MAX_DISTANCE = 0.1
 #: Number of points at which the height of the cable above the ground is checked.
 GROUND_POINTS = 401
-#: Largest interval of a field over the median one.
-MAX_GAP = 10.0
 WHAT = "record, a netCDF file with wind (time, point, component)"
 #: Units of the variables of a field.
 UNITS_OF_FIELD = {"time": "s", "wind": "m s-1", "mean_wind": "m s-1", "position": "m", "relative_arc_length": "1"}

@@ -423,3 +423,14 @@ def test_wrong_calls_are_refused_before_anything_is_written(options, key, tmp_pa
     with pytest.raises(cp.SceneError, match=rf"^{key}: given .*; allowed: "):
         cp.plots.report(given.pop("results"), given.pop("path"), **given)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_runs_of_other_scenes_are_not_drawn_as_the_reduced_model_of_a_full_one(tmp_path):
+    scene, times = cp.make_scene(SOFT), {"times": [0.0, 0.01], "step": 1e-3}
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    runs = {"full": cp.chain.simulate(scene, **times)}
+    for name, one in (("other", cp.make_scene({**SOFT, "gravity": 9.0})), ("own", scene)):
+        runs[name] = cp.condensed.simulate(one, modes, **times).assign_attrs(error_estimate=0.0)
+        text = cp.plots.report(runs, tmp_path / "page.html").read_text(encoding="utf-8")
+        assert "full and other" not in text
+        assert ("full and own (the least estimated error): deflection" in text) == (name == "own")
