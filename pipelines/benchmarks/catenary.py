@@ -6,17 +6,18 @@ One thread.  Each row is one set of random cables of a kind (seed fixed).  ``arr
 members divided by their number; ``call`` that of one call of `solve`, plain Python, over 1000 calls; ``root`` that of
 `scipy.optimize.root` (hybr, tolerance 1e-13) on the two (length or force given) or three equations of the closed form of
 textbooks, started from a straight or parabolic cable of the same length, over 100 members.  All are medians of the repeats in
-microseconds, after a warm-up that includes compilation.  Errors are maxima over the same 30 members, relative (lengths to
-themselves, forces to the maximum tension), against the tests' 50-digit reference; ``limit`` is the effect of one rounding of
-the given value on the exact answer.  Members where `root` stops without success, or at another cable than the shortest, count
-as failed and not in its error.  Needs
-the extra ``test``.
+microseconds of processor time, after a warm-up that includes compilation.  Errors are maxima over the same 30 members, relative
+(lengths to themselves, forces to the maximum tension), against the tests' 50-digit reference; ``limit`` is the effect of one
+rounding of the given value on the exact answer.  Members where `root` stops without success, or at another cable than the
+shortest, count as failed and not in its error.  Needs the extra ``test``.
 """
 
 from __future__ import annotations
 
 import math
+import statistics
 import sys
+import time
 import warnings
 from pathlib import Path
 
@@ -24,7 +25,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from _study import command_line, markdown_table, median_time, show_table
+from _study import command_line, markdown_table, show_table
 from scipy.optimize import root
 
 from cablepod.catenary import _formulas as formulas
@@ -65,9 +66,14 @@ def members(name, count):
 
 
 def warm_time(function, repeats):
-    """Return the median time of a call [s], after one for warming up."""
+    """Return the median processor time of a call [s], after one for warming up."""
     function()
-    return median_time(function, repeats)
+    spent = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        function()
+        spent.append(time.process_time() - begin)
+    return statistics.median(spent)
 
 
 def textbook(unknowns, a, b, q, k, kind, value):
@@ -167,7 +173,7 @@ def measure(name, kind, count, repeats):
         else:
             failed += 1
     times = [f"{array * 1e6:.2f}", f"{single * 1e6:.2f}", f"{other * 1e6:.0f}"]
-    errors = [f"{worst:.1e}", f"{limit:.1e}", f"{worst_root:.1e}"]
+    errors = [f"{worst:.1e}", f"{limit:.1e}", f"{worst_root:.1e}" if failed < 30 else ""]
     return [name, kind, *times, *errors, f"{failed}/30", str(refused)]
 
 
