@@ -7,7 +7,7 @@ import math
 
 import xarray as xr
 
-from cablepod.conventions import ENDINGS_OF_AIR, digits, note_lines, printed
+from cablepod.conventions import ENDINGS_OF_AIR, digits, note_lines, printed, unit_text
 from cablepod.discretisation._modal_damping import KEYS
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
@@ -120,5 +120,11 @@ def ensemble_of(scene: xr.Dataset) -> str:
         target, key = variable_of(scene, path), key_of_variable(variable_name(path))
         units = str(scene[target[0]].attrs.get("units", "")) if target else (key.units or "" if key else "")
         count = f", {len(values) if len(values) > 2 else points} values" if grid else ""
-        lines.append(f"  {path:<31} {digits(min(values))} to {digits(max(values))} {units}{count}")
+        line = f"  {path:<31} {_range(values)} {unit_text(units)}".rstrip()
+        hertz = [value / (2.0 * math.pi) for value in values] if units == "rad s-1" else []
+        lines.append(line + (f" ({_range(hertz)} Hz)" if hertz else "") + count)
     return "\n".join(lines)
+
+
+def _range(values: list[float]) -> str:
+    return f"{digits(min(values))} to {digits(max(values))}"

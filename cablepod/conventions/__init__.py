@@ -20,7 +20,7 @@ from cablepod.conventions._datasets import (
     shared_coordinates,
 )
 from cablepod.conventions._orders import ORDERED, is_in_order, is_rising
-from cablepod.conventions._printed import digits, direction, note_lines, printed, printed_unit
+from cablepod.conventions._printed import digits, direction, note_lines, printed, printed_unit, unit_text
 from cablepod.conventions._vocabulary import (
     AIR_OF_EACH,
     ATTRIBUTES,
@@ -67,4 +67,5 @@ __all__ = [
     "printed",
     "printed_unit",
     "shared_coordinates",
+    "unit_text",
 ]

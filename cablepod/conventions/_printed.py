@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 #: SI unit -> size from which on, factor and name of the unit in which it is printed; "%" is a ratio in per cent.
@@ -21,6 +22,7 @@ PRINTED: dict[str, tuple[tuple[float, float, str], ...]] = {
 }
 #: Size by which the unit of a zero is chosen.
 SIZE_OF_ZERO = 1e3
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def printed_unit(units: str, size: float = SIZE_OF_ZERO) -> tuple[float, str]:
@@ -48,6 +50,31 @@ def printed(value: float, units: str, count: int = 5) -> str:
     """
     factor, name = printed_unit(units, value)
     return f"{digits(factor * value, count)} {name}".rstrip()
+
+
+def unit_text(units: str) -> str:
+    """Return units as they are printed: m/s² for "m s-2", nothing for "1".
+
+    Examples
+    --------
+    >>> [unit_text(units) for units in ("m s-2", "N m2", "1", "kN", "rad s-1", "s-1")]
+    ['m/s²', 'N m²', '', 'kN', 'rad/s', 's⁻¹']
+    """
+    if units == "1":
+        return ""
+    over, under = [], []
+    for token in units.split():
+        found = re.fullmatch(r"([A-Za-z]+)(-?\d+)", token)
+        if found is None:
+            over.append(token)
+        elif found[2].startswith("-"):
+            under.append((found[1], found[2]))
+        else:
+            over.append(found[1] + found[2].translate(SUPERSCRIPTS))
+    if len(under) == 1 and over:
+        name, power = under[0]
+        return " ".join(over) + "/" + name + ("" if power == "-1" else power[1:].translate(SUPERSCRIPTS))
+    return " ".join([*over, *(name + power.translate(SUPERSCRIPTS) for name, power in under)])
 
 
 def digits(value: float, count: int = 5) -> str:

@@ -82,7 +82,7 @@ def report(
         raise scene_error("text", text, "a text")
     title = str(attributes.get("title") or _first_title(datasets))
     version = metadata.version("cablepod")
-    made = f"Made by cablepod {version} on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Angles and axes: y points up."
+    made = f"Made by cablepod {version} on {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. The axis y points up."
     sections = [
         Section("warnings", "Warnings", _warnings(datasets, attributes, notes)),
         Section("answers", "Answers", _page_html.lines(text) if text.strip() else ""),

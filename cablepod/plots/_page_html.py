@@ -22,7 +22,6 @@ RIGHT, SHORT, MAX_SHORT = ' class="n"', ' class="s"', 32
 MAX_SENTENCE = 96
 #: Maximum length of a line with columns that a print of usual size has room for.
 MAX_LINE = 126
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 #: The security policy lets a browser load nothing but the pictures inside the page.
 PAGE = Template("""<!DOCTYPE html>
@@ -170,28 +169,3 @@ def picture(png: bytes, caption: str) -> str:
         f'<figure><img alt="{text(caption)}" src="data:image/png;base64,{data}">'
         f"<figcaption>{text(caption)}</figcaption></figure>"
     )
-
-
-def unit_text(units: str) -> str:
-    """Return units as they are printed: m/s² for "m s-2", nothing for "1".
-
-    Examples
-    --------
-    >>> [unit_text(units) for units in ("m s-2", "N m2", "1", "kN", "rad s-1", "s-1")]
-    ['m/s²', 'N m²', '', 'kN', 'rad/s', 's⁻¹']
-    """
-    if units == "1":
-        return ""
-    over, under = [], []
-    for token in units.split():
-        found = re.fullmatch(r"([A-Za-z]+)(-?\d+)", token)
-        if found is None:
-            over.append(token)
-        elif found[2].startswith("-"):
-            under.append((found[1], found[2]))
-        else:
-            over.append(found[1] + found[2].translate(SUPERSCRIPTS))
-    if len(under) == 1 and over:
-        name, power = under[0]
-        return " ".join(over) + "/" + name + ("" if power == "-1" else power[1:].translate(SUPERSCRIPTS))
-    return " ".join([*over, *(name + power.translate(SUPERSCRIPTS) for name, power in under)])

@@ -12,10 +12,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.conventions import digits, is_in_memory, printed, printed_unit
+from cablepod.conventions import digits, is_in_memory, printed, printed_unit, unit_text
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._key_paths import dotted, key_of_variable, variable_name
-from cablepod.plots._page_html import NOTHING, Table, unit_text
+from cablepod.plots._page_html import NOTHING, Table
 from cablepod.plots._style import OVER_PLACES
 
 #: Maximum number of rows of a table; larger variables are told by their least, mean and largest value.
@@ -151,8 +151,8 @@ def _shown(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Variable]]:
     """Yield the variables that a reader asks for."""
     for name in dataset.data_vars:
         variable, given = dataset.variables[name], str(name)
-        has_hertz = given.startswith("angular_") and given.removeprefix("angular_") in dataset
-        if not LEFT_OUT.fullmatch(given) and not has_hertz and variable.dtype.kind in "iufbUO":
+        in_hertz = given.removeprefix("angular_") if given.startswith("angular_") else f"{given}_hertz"
+        if not LEFT_OUT.fullmatch(given) and in_hertz not in dataset and variable.dtype.kind in "iufbUO":
             yield given, variable
 
 

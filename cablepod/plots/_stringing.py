@@ -52,5 +52,5 @@ def stringing(table: xr.Dataset, *, variable: str = "tension_upper", ax: Axes | 
     ax.set_xlabel("temperature [°C]")
     _style.label_axis(ax.yaxis, _style.label_of(values), values.values)
     if isinstance(title := table.attrs.get("title"), str):
-        ax.set_title(title.removesuffix(": stringing"))
+        ax.set_title(title.removesuffix(": stringing"), fontsize="medium")
     return _style.finish(ax)

@@ -9,10 +9,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ANY, WITH_PLACES, drawn_kind, taken
-from cablepod.conventions import printed_unit
+from cablepod.conventions import printed_unit, unit_text
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import plain
-from cablepod.plots._page_html import unit_text
 from cablepod.pod._snapshots import relative_arc_length
 
 if TYPE_CHECKING:

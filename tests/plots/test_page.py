@@ -140,6 +140,8 @@ def test_numbers_are_in_units_for_people(page):
             "angular_frequency": ("mode", [2.0 * np.pi, 4.0 * np.pi], {"units": "rad s-1"}),
             "utilisation": ("guy", [0.25, np.nan], {"units": "1"}),
             "length": ((), 61.2, {"units": "m", "long_name": "length of it"}),
+            "axial": ((), 2.0 * np.pi, {"units": "rad s-1", "long_name": "angular one"}),
+            "axial_hertz": ((), 1.0, {"units": "Hz", "long_name": "axial frequency"}),
             "tension": (("time", "link"), [[1000.0, 2000.0], [3000.0, 6000.0]], {"units": "N", "long_name": "pull"}),
         },
         coords={"guy": [1, 2]},
@@ -151,6 +153,7 @@ def test_numbers_are_in_units_for_people(page):
     assert ["mode", "frequency [Hz]"] in found.rows
     assert ["2", "2"] in found.rows
     assert found.row("length of it") == ["length of it", "61.2 m"]
+    assert [row for row in found.rows if row[-1] == "1 Hz"] == [["axial frequency", "1 Hz"]]
     assert found.row("pull [kN]") == ["pull [kN]", "time 2, link 2", "1", "3", "6"]
 
 
