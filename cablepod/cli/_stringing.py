@@ -15,6 +15,7 @@ from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import check_folder, new_results
 from cablepod.cli import _arguments, _group, _page
 from cablepod.cli._group import say
+from cablepod.conventions import STILL_AIR
 from cablepod.errors import SceneError, named
 from cablepod.examples import scene_path
 from cablepod.parameters._keys import TOP
@@ -32,6 +33,8 @@ COLUMNS = (
     ("unstretched_length", "length m", 1.0, 3),
     ("utilisation", "used %", 100.0, 1),
 )
+#: Head of the horizontal force in wind, where the load is not vertical.
+ACROSS = "across load kN"
 
 
 def stringing(
@@ -101,7 +104,11 @@ def _lines(table: xr.Dataset) -> Iterator[str]:
     """Yield the lines of the printed table, in kN, m and Hz."""
     is_of_cases = "case" in table.dims
     yield table.attrs["title"] + ("" if is_of_cases else f", at rest in {table.attrs['air']}")
-    columns = [column for column in COLUMNS if column[0] in table]
+    in_wind = table.attrs["air"] != STILL_AIR
+    columns = [
+        (name, ACROSS if in_wind and name == "horizontal_force" else head, factor, digits)
+        for name, head, factor, digits in COLUMNS if name in table
+    ]  # fmt: skip
     names = [str(name) for name in table["case"].values] if is_of_cases else [""]
     width = max(map(len, (*names, "case"))) + 2 if is_of_cases else 0
     heads = "".join(f"{head:>{len(head) + 3}}" for _, head, _, _ in columns)
@@ -116,3 +123,5 @@ def _lines(table: xr.Dataset) -> Iterator[str]:
             ]
             hertz = "".join(f"{value:<9.4g}" for value in row["frequency"].values if not np.isnan(value)) or "not taut"
             yield f"  {name:<{width}}{temperature:>7g}{''.join(cells)}   {hertz}".rstrip()
+    if in_wind:
+        yield "  load: the sum of weight and drag; the sag is along it"

@@ -61,6 +61,8 @@ def test_cases_files_and_figures(guy, capsys):
     assert cli.main(arguments) == 0
     said = capsys.readouterr().out
     assert [line.split()[0] for line in said.splitlines()[2:6]] == ["bare", "bare", "storm", "storm"]
+    assert "across load kN" in said  # wind: the load is not vertical
+    assert "horizontal" not in said
     assert said.endswith("out: stringing.nc, tension.png, sag.png\n")
     table = cp.archive.read(guy / "out" / "stringing.nc")
     assert table["case"].values.tolist() == ["bare", "storm"]
