@@ -18,6 +18,7 @@ from cablepod.cli._progress import member_bar
 from cablepod.conventions import direction
 from cablepod.errors import SceneError, scene_error
 from cablepod.examples import scene_path
+from cablepod.extremes._peaks import PROBABILITY
 from cablepod.scene._read import read_scene
 from cablepod.study import design
 from cablepod.study._design_tables import Row, case_rows, foot_rows, guy_rows, height_rows, level_rows
@@ -143,6 +144,8 @@ def text(result: xr.Dataset) -> str:
         f"with their {level} interval;",
         "of all directions and speeds the worst; angles from +x to +z: of the wind, into which it blows, of guys, to the anchor",
     ]  # fmt: skip
+    if any(str(name).endswith("_quantile") for name in result):
+        lines.append(f"quantile: what a storm does not exceed with a probability of {100.0 * PROBABILITY:g} %")
     lines += ["", "tension of the guys [kN]" if "guy" in result.dims else "tension at the ends [kN]", *_guys(result)]
     if "displacement_peak" in result:
         lines += ["", "displacement of the mast [m]", *_table(level_rows(result), (

@@ -23,6 +23,8 @@ STATISTICS = {
     "quantile_high": "upper end of the {level:g} interval of that quantile of {of}",
 }
 COUNT = "count"
+#: Default probability of the quantile.
+PROBABILITY = 0.78
 #: Fewest peaks that tell a scatter.
 LEAST = 3
 #: Samples of the standard Gumbel distribution that give the intervals, the largest number of their values, and their seed.
@@ -30,7 +32,7 @@ SAMPLES, LEAST_SAMPLES, VALUES, SEED = 20_000, 2_000, 4_000_000, 1
 
 
 def peaks(
-    data: xr.DataArray | xr.Dataset, *, dim: str = "member", level: float = 0.9, probability: float = 0.78
+    data: xr.DataArray | xr.Dataset, *, dim: str = "member", level: float = 0.9, probability: float = PROBABILITY
 ) -> xr.Dataset:
     """Estimate mean and quantile of the largest value of a storm from those of several storms.
 

@@ -14,6 +14,7 @@ from cablepod.archive._manifest import FAILURE
 from cablepod.condensed import vibration_modes
 from cablepod.conventions import ENDS
 from cablepod.errors import RunStopped, SceneError
+from cablepod.extremes._peaks import PROBABILITY
 from cablepod.fatigue._cycles import warn_of_cut_cycles
 from cablepod.integrate._window import within
 from cablepod.mast._output import NAMES as MAST_NAMES
@@ -31,9 +32,9 @@ YEAR = 365.25 * 86400.0
 #: What :func:`cablepod.extremes.peaks` gives -> ending of the name here, and text.
 STATISTICS = {
     "mean": ("_peak", "mean over the storms of the"), "mean_low": ("_peak_low", "lower bound of the mean of the"),
-    "mean_high": ("_peak_high", "upper bound of the mean of the"), "quantile": ("_quantile", "quantile of the"),
-    "quantile_low": ("_quantile_low", "lower bound of the quantile of the"),
-    "quantile_high": ("_quantile_high", "upper bound of the quantile of the"),
+    "mean_high": ("_peak_high", "upper bound of the mean of the"), "quantile": ("_quantile", f"{PROBABILITY:g} quantile of the"),
+    "quantile_low": ("_quantile_low", f"lower bound of the {PROBABILITY:g} quantile of the"),
+    "quantile_high": ("_quantile_high", f"upper bound of the {PROBABILITY:g} quantile of the"),
 }  # fmt: skip
 #: Numbers of each storm of a mast.
 OF_MAST = (

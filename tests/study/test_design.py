@@ -403,13 +403,14 @@ def test_the_command_refuses_directions_out_of_the_plane_in_degrees(tmp_path, ca
 def test_the_command_prints_tables_and_names_guys(tmp_path, capsys):
     path = mast_file(tmp_path / "mast.toml")
     out = tmp_path / "out"
-    arguments = ["design", str(path), "--out", str(out), "--directions", "0,60", "--speeds", "15,28", "--storms", "2"]
+    arguments = ["design", str(path), "--out", str(out), "--directions", "0,60", "--speeds", "15,28", "--storms", "3"]
     assert cli.main([*arguments, "--shares", "0.1,0.01", "--slope", "4", "--reference-range", "150"]) == 0
     said = capsys.readouterr()
-    assert "cablepod: note: 2 directions x 2 speeds x 2 storms = 8 storms\n" in said.err
+    assert "cablepod: note: 2 directions x 2 speeds x 3 storms = 12 storms\n" in said.err
     printed = said.out
     for part in (
-        "2 directions, 2 speeds, 2 storms of each",
+        "2 directions, 2 speeds, 3 storms of each",
+        "quantile: what a storm does not exceed with a probability of 78 %",
         "tension of the guys [kN]",
         "120 deg",
         "(-10, 0, 17.32)",
