@@ -182,15 +182,16 @@ def _response_table(result: xr.Dataset, hertz: bool) -> str:
     unit = "Hz" if hertz else "rad/s"
     omega = _frequencies(result["angular_frequency"].values, hertz)
     lines = [str(result.attrs["title"]), "", f"{'branch':<8}{'points':>8}{'periods':>9}{f'from [{unit}]':>14}{f'to [{unit}]':>14}"
-             f"{'largest [m]':>14}{'stable':>9}  ended"]  # fmt: skip
+             f"{'deflection [m]':>16}{'stable':>9}  ended"]  # fmt: skip
     for number in np.unique(result["branch"].values):
         which = result["branch"].values == number
         part, size = omega[which], result["deflection_maximum"].values[which]
         share = 100.0 * result["stable"].values[which].mean()
         lines.append(
             f"{number:<8}{which.sum():>8}{result['periods'].values[which][0]:>9}{part.min():>14.6g}{part.max():>14.6g}"
-            f"{size.max():>14.4g}{share:>7.0f} %  {result.attrs[f'branch_{number}_ended']}"
+            f"{size.max():>16.4g}{share:>7.0f} %  {result.attrs[f'branch_{number}_ended']}"
         )
+    lines += ["", "deflection: the largest from its mean over a period"]
     if not result.sizes["bifurcation"]:
         return "\n".join([*lines, "", "no bifurcation in this range"])
     lines += ["", f"{'bifurcation':<18}{'set':<14}{f'at [{unit}]':>14}{'branch':>8}{'leads to':>10}"]
@@ -201,11 +202,12 @@ def _response_table(result: xr.Dataset, hertz: bool) -> str:
         lines.append(
             f"{kind:<18}{which_set:<14}{at[k]:>14.8g}{result['bifurcation_branch'].values[k]:>8}{leads or '-':>10}"
         )
+    lines += ["", "leads to: branch that begins there, - where none was followed"]
     return "\n".join(lines)
 
 
 def _map_table(result: xr.Dataset, hertz: bool) -> str:
-    """Return shares of stable points and the least amplitude of each kind of instability as text."""
+    """Return shares of stable and other points, and the least amplitude of each kind of instability as text."""
     unit, metre = "Hz" if hertz else "rad/s", result["amplitude"].attrs["units"]
     kinds = result["kind"].values
     lines = [
@@ -216,9 +218,9 @@ def _map_table(result: xr.Dataset, hertz: bool) -> str:
     omega = _frequencies(result["angular_frequency"].values, hertz)
     for kind in np.unique(kinds):
         rows, columns = np.nonzero(kinds == kind)
-        first = int(np.argmin(rows))
-        lines.append(
-            f"{str(kind).replace('_', ' ') or 'not computed':<18}{100.0 * rows.size / kinds.size:>6.1f} %"
-            f"{result['amplitude'].values[rows[first]]:>22.4g}{omega[columns[first]]:>14.6g}"
-        )
+        line = f"{str(kind).replace('_', ' ') or 'not computed':<18}{100.0 * rows.size / kinds.size:>6.1f} %"
+        if kind not in ("", "stable"):
+            first = int(np.argmin(rows))
+            line += f"{result['amplitude'].values[rows[first]]:>22.4g}{omega[columns[first]]:>14.6g}"
+        lines.append(line)
     return "\n".join([*lines, "", f"{result.sizes['edge']} edges of stable regions located"])

@@ -280,7 +280,9 @@ def multipliers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ax.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=1.0)
     outside = np.hypot(real, imag) > 1.0 + 1e-7
     size = 5 if real.size <= 64 else 2
-    ax.plot(real[~outside], imag[~outside], "o", color=_style.COLOURS[3], markersize=size, label="inside")
+    ax.plot(
+        real[~outside], imag[~outside], "o", color=_style.COLOURS[3], markersize=size, label="inside or on the circle"
+    )
     if outside.any():
         ax.plot(real[outside], imag[outside], "s", color=_style.COLOURS[1], markersize=size, label="outside: unstable")
     ax.set(xlabel="real part [1]", ylabel="imaginary part [1]")

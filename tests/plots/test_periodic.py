@@ -73,7 +73,7 @@ def test_frequencies_in_hertz_and_the_tension_of_all_links():
 def test_multipliers_outside_of_the_circle_are_told_apart():
     ax = plots.multipliers(response().isel(point=0))
     found = {line.get_label(): list(line.get_xdata()) for line in ax.get_lines()}
-    assert found["inside"] == [0.5]
+    assert found["inside or on the circle"] == [0.5]
     assert found["outside: unstable"] == [-1.2]
 
 
