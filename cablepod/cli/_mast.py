@@ -128,14 +128,16 @@ def text(study: xr.DataTree, folder: Path) -> str:
         f"frequencies  {'  '.join(f'{value:.4g}' for value in found['frequencies_hertz'])} Hz, with the guys",
     ]
     of_mast = "  ".join(f"{value:.4g}" for value in found["frequencies_of_the_mast_hertz"])
-    lines.append(f"             {of_mast} Hz, of these most of the mast, as in modes.png")
+    lines.append(f"             {of_mast} Hz, those in which the mast moves most, as in modes.png")
+    moved, moment = printed(found["largest_displacement"], "m", 4), printed(found["largest_bending_moment"], "N m", 4)
     lines += [
-        f"motion       {printed(found['largest_displacement'], 'm', 4)} at {found['largest_displacement_level']:g} m, bending "
-        f"moment {printed(found['largest_bending_moment'], 'N m', 4)} at {found['largest_bending_moment_height']:g} m",
+        f"largest      displacement {moved} at {found['largest_displacement_level']:g} m, "
+        f"bending moment {moment} at {found['largest_bending_moment_height']:g} m",
         *_reactions(found),
         f"             step {found['step']:.4g} s, {found['wall_time_s']:.2g} s of run time"
         + (f" (and {found['compile_time_s']:.2g} s of compiling, once on this machine)" if found["compile_time_s"] else "")
-        + ("" if found["error_estimate"] is None else f", estimated error of tensions {100.0 * found['error_estimate']:.2g} %"),
+        + ("" if found["error_estimate"] is None else
+           f"; rms error of tensions, estimated: {100.0 * found['error_estimate']:.2g} % of their std"),
         "",
         f"tension of the guys at the mast [kN], at rest in {rest.attrs['air']}; {part_of_run(guys)}" if rows else "",
         *_around_break(study),

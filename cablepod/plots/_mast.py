@@ -199,7 +199,7 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
         ticks.append(f"{omega[mode] / (2.0 * np.pi):.4g}")
     ax.set_xticks(2.0 * np.arange(len(chosen)), ticks)
     ax.set(
-        xlabel="frequency [Hz], not to scale: modes with most of the mast side by side\neach shape to the same width",
+        xlabel="frequency [Hz], not to scale: modes in which the mast moves most,\neach shape to the same width",
         ylabel="height [m]",
     )
     return ax

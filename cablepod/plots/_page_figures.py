@@ -106,7 +106,7 @@ def _of_mast(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
                 partial(_mast.bending_moments, dataset, component=axis),
             )
     if "mast_share" in dataset:
-        yield Drawing(f"{name}: shapes of vibration with most of the mast", partial(_mast.mast_shapes, dataset))
+        yield Drawing(f"{name}: shapes of vibration in which the mast moves most", partial(_mast.mast_shapes, dataset))
 
 
 def _bends(dataset: xr.Dataset, names: Sequence[str], axis: str) -> bool:
