@@ -275,7 +275,7 @@ def _description(folder: Path, brief: bool, *, verify: bool) -> Iterator[str]:
         f"{name}={json.dumps(value)}" for name, value in manifest["options"].items() if value is not None
     )
     yield f"options   {options[:300] or 'defaults'}"
-    yield f"members   {manifest['members']} in {len(sizes)} files of {manifest['batch']}"
+    yield f"members   {manifest['members']}, at most {manifest['batch']} in a file"
     yield f"done      {done}" + ("" if done == manifest["members"] else "; the same command or call goes on")
     if (folder / REPLACEMENT).exists():
         yield "replaced  not yet: the run of another ensemble, with overwrite=True or --overwrite, is not complete"

@@ -96,7 +96,7 @@ def _is_number(parameter: xr.DataArray) -> bool:
 
 
 def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None:
-    """Write a row for each member: parameters, largest and smallest tension, time errors, and what is doubtful."""
+    """Write a row for each member: parameters, largest and smallest tension, estimated errors, and what is doubtful."""
     columns: dict[str, Any] = {}
     for name in parameters:
         if not _is_number(results[name]):
@@ -111,7 +111,7 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
         columns["smallest tension [N]"] = results["tension_minimum"].min("link").values
     else:
         columns |= _columns_of_masts(results)
-    for name in ("time_error_estimate", "tension_time_error_estimate"):
+    for name in ("error_estimate", "time_error_estimate", "tension_time_error_estimate"):
         if name in results:
             columns[f"{name} [1]"] = results[name].values
     of_peak = peak_errors(results)

@@ -38,7 +38,7 @@ def test_the_command_runs_resumes_and_tells(tmp_path, capsys, described):
     assert (out / "batch_0000.nc").stat().st_mtime_ns == written
     told = described(out)
     for text in (
-        "members   5 in 1 files of 64",
+        "members   5, at most 64 in a file",
         "failed    0",
         "ends_upper_x from 7.",
         "step=0.004",

@@ -38,11 +38,12 @@ def test_the_table_of_the_map_tells_what_is_doubtful(tmp_path):
     )
     _map._write_table(tmp_path / "map.csv", results, ["size"])
     lines = (tmp_path / "map.csv").read_text().splitlines()
-    assert lines[0] == "member,size [m],largest tension [N],smallest tension [N],time_error_estimate [1],note"
+    head = "member,size [m],largest tension [N],smallest tension [N],error_estimate [1],time_error_estimate [1],note"
+    assert lines[0] == head
     assert lines[1:] == [
-        "0,1,7,1,0.0002,not converged; model error above half the motion",
-        "1,2,9,0,1e-05,slack at times",
-        "2,3,nan,nan,nan,failed: diverged",
+        "0,1,7,1,0.7,0.0002,not converged; model error above half the motion",
+        "1,2,9,0,0.1,1e-05,slack at times",
+        "2,3,nan,nan,nan,nan,failed: diverged",
     ]
 
 
