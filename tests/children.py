@@ -55,4 +55,4 @@ def call(*arguments: object, timeout: float = 300.0, **options: Any) -> subproce
 def without_progress(text: str) -> str:
     """Leave out the lines that tell of progress and compilation, which depend on the load of the machine and on its caches."""
     lines = text.splitlines(keepends=True)
-    return "".join(line for line in lines if not re.search(r": \d+ % after \d+ s$|: compiling, once", line))
+    return "".join(line for line in lines if not re.search(r": \d+ % after \d+ s|: compiling, once", line))

@@ -124,7 +124,7 @@ TEXTS = {
     ),
     "new": Texts(
         "write a commented scene to start from",
-        "Write a scene with a comment on every key, to be run as it is and then changed. Overwrites nothing.",
+        "Write a scene with comments on the usual keys, to be run as it is and then changed. Overwrites nothing.",
         "NAME.toml: the file to write",
         ("cablepod new guy.toml", "cablepod run guy.toml --out out/guy", "cablepod new --mast mast.toml"),
     ),

@@ -73,7 +73,7 @@ def run(
     overwrite
         Replace results that are already in `out`, when all new ones are written; they remain after an error.
     progress
-        Called with a label, such as "chain" or "galerkin, r = 1: compiling, once", and the completed fraction, 0 to 1.
+        Called with a label, such as "chain" or "galerkin, r = 1: compiling", and the completed fraction, 0 to 1.
     report
         Called with name and Dataset of each stage when it is done, and written where `out` is given.
 

@@ -67,7 +67,7 @@ class Stages:
         progress = say = None
         if self.progress is not None:
             progress = partial(self.progress, label)
-            say = partial(self.progress, f"{label}: compiling, once", 0.0)
+            say = partial(self.progress, f"{label}: compiling", 0.0)
             progress(0.0)
         try:
             with self.notes.collected():

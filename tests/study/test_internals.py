@@ -69,7 +69,7 @@ def test_the_run_time_of_a_mast_is_without_compilation(monkeypatch):
     study = cp.study.run(scene, progress=lambda label, _: labels.append(label))
     assert study["motion"].attrs["wall_time_s"] < 0.25  # half of the sleep, far more than a call that returns a result
     assert study.attrs["compile_time_s"] >= 0.5
-    assert "mast: compiling, once" in labels
+    assert "mast: compiling" in labels
     assert "of compiling, once on this machine" in _mast.text(study, Path(__file__).parent)
 
 
