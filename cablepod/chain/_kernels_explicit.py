@@ -33,10 +33,6 @@ from cablepod.chain._kernels_layout import (
     VX,
     VY,
     VZ,
-    Attached,
-    Ends,
-    Loads,
-    Rates,
     Record,
     X,
     Y,
@@ -85,43 +81,43 @@ def _kick_and_drift(s, links, step, damping_factor, spatial):
 
 
 @compiled(inline="always")
-def _steps(s, spatial, shared, damping_factor, rates, attached, loads, ends, first, last):
-    """Take the steps first ... last - 1 of the tables."""
+def _steps(s, chain, spatial, shared, damping_factor, rates, attached, loads, ends, first, last):
+    """Take the steps first ... last - 1 of the tables, of number `chain` among the chains."""
     links, step = shared.links, shared.step
     for i in range(first, last):
         if rates is not None:
             _predict_velocities(s, links, spatial)
             for m in range(ends.rows.size):
-                s[ends.rows[m] + UX, ends.columns[m]] = rates.ends[m, i]
-        if rates is not None and rates.viscosity > 0.0:
-            _viscous_forces(s, links, rates.viscosity, spatial)
+                s[ends.rows[m] + UX, ends.columns[m]] = rates.ends[chain, m, i]
+        if rates is not None and rates.viscosity[chain] > 0.0:
+            _viscous_forces(s, links, rates.viscosity[chain], spatial)
         else:
             _link_forces(s, links, shared.green, spatial)
         if shared.extremes and shared.green:
             _green_extremes(s, links, spatial)
         elif shared.extremes:
             _extremes(s, links, spatial)
-        if rates is not None and rates.tension_damping > 0.0:
-            _add_tension_damping(s, links, rates.tension_damping, spatial)
+        if rates is not None and rates.tension_damping[chain] > 0.0:
+            _add_tension_damping(s, links, rates.tension_damping[chain], spatial)
         if loads is not None:
-            _load_increments(s, links, loads.patterns, loads.factors, i, spatial)
+            _load_increments(s, links, loads.patterns[chain], loads.factors[chain], i, spatial)
         if attached is not None:
-            note_attached(s, attached.particles, attached.numbers)
+            note_attached(s, attached.particles[chain], attached.numbers[chain])
         _kick_and_drift(s, links, step, damping_factor, spatial)
         if attached is not None:
-            apply_attached(s, attached.particles, attached.numbers, step)
+            apply_attached(s, attached.particles[chain], attached.numbers[chain], step)
         for m in range(ends.rows.size):
-            s[ends.rows[m], ends.columns[m]] = ends.positions[m, i + 1]
+            s[ends.rows[m], ends.columns[m]] = ends.positions[chain, m, i + 1]
 
 
 @compiled
-def _advance(s, spatial, shared, damping_factor, rates, attached, air, loads, ends, start, first, last):
+def _advance(s, chain, spatial, shared, damping_factor, rates, attached, air, loads, ends, start, first, last):
     """Take the steps first ... last - 1 of the tables, without saving, so that the compiler sees a plain loop."""
-    if air is None:
-        _steps(s, spatial, shared, damping_factor, rates, attached, loads, ends, first, last)
-    else:
-        i, evaluation = first, (start + first + air.hold - 1) // air.hold  # number of the next evaluation of the drag
-        while i < last:
+    i = first
+    while i < last:
+        end = last
+        if air is not None:
+            evaluation = (start + i + air.hold - 1) // air.hold  # number of the next evaluation of the drag
             if start + i == evaluation * air.hold:
                 place = (start + i - 0.5) * shared.step * air.samples_per_second
                 target = LOAD_X if loads is None else STEADY_X
@@ -129,14 +125,14 @@ def _advance(s, spatial, shared, damping_factor, rates, attached, air, loads, en
                     s, shared.links, air.velocity, place, air.drag, air.bodies, shared.step, target, evaluation, spatial
                 )
                 evaluation += 1
-            next_one = min(evaluation * air.hold - start, last)
-            _steps(s, spatial, shared, damping_factor, rates, attached, loads, ends, i, next_one)
-            i = next_one
+            end = min(evaluation * air.hold - start, last)
+        _steps(s, chain, spatial, shared, damping_factor, rates, attached, loads, ends, i, end)
+        i = end
 
 
 @compiled(inline="always")
-def _run(s, spatial, shared, damping_factor, rates, attached, air, loads, ends, block, record):
-    """Advance one chain as :func:`verlet` does, with arrays without their first dimension."""
+def _run(s, chain, spatial, shared, damping_factor, rates, attached, air, loads, ends, block, record):
+    """Advance one chain, of number `chain` among all, as :func:`verlet` does; `s` and `record` are its own."""
     links, dims = shared.links, record.positions.shape[1]
     save, i = 0, np.int64(0)  # a literal 0 would compile the loops twice
     while i < block.steps:
@@ -149,7 +145,7 @@ def _run(s, spatial, shared, damping_factor, rates, attached, air, loads, ends, 
                 target = i + 1
         if target == block.steps and save + saving < record.steps.size:
             target = record.steps[save + saving] - block.start
-        _advance(s, spatial, shared, damping_factor, rates, attached, air, loads, ends, block.start, i, target)
+        _advance(s, chain, spatial, shared, damping_factor, rates, attached, air, loads, ends, block.start, i, target)
         i = target
         if saving:
             if record.half_velocities.shape[0]:
@@ -187,11 +183,6 @@ def verlet(states, is_active, spatial, shared, damping_factors, rates, attached,
     for m in range(states.shape[0]):
         if is_active[m]:
             _run(
-                states[m], spatial, shared, damping_factors[m],
-                None if rates is None else Rates(rates.viscosity[m], rates.tension_damping[m], rates.ends[m]),
-                None if attached is None else Attached(attached.particles[m], attached.numbers[m]),
-                air,
-                None if loads is None else Loads(loads.patterns[m], loads.factors[m]),
-                Ends(ends.rows, ends.columns, ends.positions[m]), block,
+                states[m], m, spatial, shared, damping_factors[m], rates, attached, air, loads, ends, block,
                 Record(record.steps, record.at, record.positions[m], record.half_velocities[m]),
             )  # fmt: skip

@@ -40,7 +40,7 @@ class Shared(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Damping by the rates of the links; of one chain without the first dimension."""
+    """Damping by the rates of the links."""
 
     viscosity: Any  #: of the links over their stiffness (chains,) [s], 0 without; by the linear law only
     tension_damping: Any  #: damping by the tension (chains,) [s], 0 without
@@ -48,7 +48,7 @@ class Rates(NamedTuple):
 
 
 class Attached(NamedTuple):
-    """Dampers and springs; of one chain without the first dimension."""
+    """Dampers and springs."""
 
     particles: Any  #: (chains, attachments)
     numbers: Any  #: (chains, attachments, COLUMNS), see :mod:`cablepod.chain._kernels_attached`
@@ -65,14 +65,14 @@ class Air(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """Time-dependent loads; of one chain without the first dimension."""
+    """Time-dependent loads."""
 
     patterns: Any  #: velocity increments in a step at factor 1 (chains, loads, dims, n + 1) [m/s]
     factors: Any  #: at the steps from the first of a block on (chains, loads, steps + 1 or more)
 
 
 class Ends(NamedTuple):
-    """Moving coordinates of the ends; positions of one chain without the first dimension."""
+    """Moving coordinates of the ends."""
 
     rows: Any  #: places in the state (moving,)
     columns: Any  #: (moving,)
