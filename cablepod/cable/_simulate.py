@@ -20,9 +20,8 @@ from cablepod.cable._start import attached_forces, converged_equilibrium, start
 from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.discretisation._modal_damping import implicit_scheme
-from cablepod.errors import NotConvergedWarning, SceneError, warn
+from cablepod.errors import SceneError
 from cablepod.integrate._coarse import driven_of, end_time_of, warn_of_few_elements
-from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.integrate._request import Request
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
@@ -297,8 +296,7 @@ def simulate(
     if elements is not None and "error_estimate" not in request.outputs:
         warn_of_few_elements(p, elements, check_order(order), float(instants[-1]))
     solution = solve(first, request, given_steps_per_second)
-    if step is not None:
-        _warn_of_energy_excess(solution.trajectory.diagnostics["energy_excess"])
+    solution.warn_of_energy_excess("the cable holds", "half the step")
     space_error = {}
     if elements is None:
         solution, space_error["space_error_estimate"] = refine_in_space(runs, solution, request.tolerance)
@@ -334,13 +332,3 @@ def _check_memory(mesh: SpectralMesh, instants: int, scheme: str | None, *, is_c
     needed = 8.0 * instants * mesh.p.dims * ((3 if is_compared else 1) * nodes + max(in_run, in_result))
     cells = f"{mesh.sizes.size} elements of order {mesh.order}"
     check_bytes(needed, "elements and times", f"{cells} and {instants} instants, {needed / 1e9:.3g} GB in the run")
-
-
-def _warn_of_energy_excess(excess: float) -> None:
-    """Warn if a given step makes the energy exceed the energy supplied."""
-    if excess > ENERGY_WARN:
-        warn(
-            f"the cable holds up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
-            "long for a cable that slackens and snaps taut; compare with half the step",
-            NotConvergedWarning,
-        )

@@ -20,9 +20,8 @@ from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
 from cablepod.discretisation._modal_damping import check_count, implicit_scheme
-from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, warn
+from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.integrate._chain_run import ChainRun
-from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._scheme import SchemeChoice, Solution
 from cablepod.integrate._space_error import (
@@ -183,13 +182,7 @@ def search_of(ready: PreparedScene, request: ChainRequest) -> Search:
 def solution_of(search: Search) -> Solution:
     """Return the solution at the end of a search; warn if the links hold excessive strain energy with a given step."""
     solved = Solution.of(search)
-    excess = solved.trajectory.diagnostics["energy_excess"]
-    if solved.time_error is None and excess > ENERGY_WARN:
-        warn(
-            f"the links hold up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
-            "long for links that slacken and snap taut; compare with half the step or with scheme energy_momentum",
-            NotConvergedWarning,
-        )
+    solved.warn_of_energy_excess("the links hold", "half the step or with scheme energy_momentum")
     return solved
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod.discretisation._chain import LumpedChain
+from cablepod.errors import NotConvergedWarning, warn
 from cablepod.integrate._comparison import ComparableRuns
+from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._step_control import Found, Refinement, Search
 
 #: Maximum steps times links of a trial run with long implicit steps (a minute or two).
@@ -89,6 +91,16 @@ class Solution(NamedTuple):
         if self.space_error is not None:
             estimate["space_error_estimate"] = self.space_error
         return estimate | {"choice_of_scheme": self.reason}
+
+    def warn_of_energy_excess(self, holder: str, remedy: str) -> None:
+        """Warn if `holder`, with a given step, holds excessive strain energy; `remedy` is what to compare with."""
+        excess = self.trajectory.diagnostics["energy_excess"]
+        if self.time_error is None and excess > ENERGY_WARN:
+            warn(
+                f"{holder} up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
+                f"long for a cable that slackens and snaps taut; compare with {remedy}",
+                NotConvergedWarning,
+            )
 
     def dataset(self) -> xr.Dataset:
         """Make the result of the run."""

@@ -18,7 +18,6 @@ from cablepod.chain import _kernels_banded as kernels_banded
 from cablepod.chain import _kernels_explicit as kernel_explicit
 from cablepod.chain import _kernels_implicit as kernel_implicit
 from cablepod.chain import _kernels_links as kernels_links
-from cablepod.chain import _scheme as chain_scheme
 from cablepod.chain import _start as chain_start
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
@@ -26,6 +25,7 @@ from cablepod.chain._kernels_arguments import Chain, Sizes
 from cablepod.chain._lanes import LANES
 from cablepod.discretisation._chain import chain_of
 from cablepod.integrate import _march as march
+from cablepod.integrate import _scheme as integrate_scheme
 from cablepod.parameters._from_scene import parameters
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
@@ -180,11 +180,14 @@ def test_the_remedy_names_other_schemes_only(soft):
     assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about, times=times).remedy
 
 
-def test_excessive_energy_is_warned_of(soft, monkeypatch):
+@pytest.mark.parametrize(("model", "what"), [(cp.chain, "links hold"), (cp.cable, "cable holds")])
+def test_excessive_energy_is_warned_of(soft, monkeypatch, model, what):
     # with the limit set to what any motion holds
-    monkeypatch.setattr(chain_scheme, "ENERGY_WARN", 1e-9)
-    with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
-        cp.chain.simulate(cp.make_scene(soft), step=1e-3)
+    monkeypatch.setattr(integrate_scheme, "ENERGY_WARN", 1e-9)
+    with pytest.warns(
+        cp.NotConvergedWarning, match=f"{what} up to .* times the energy that rest, loads and ends explain"
+    ):
+        model.simulate(cp.make_scene(soft), step=1e-3, **({} if model is cp.chain else {"elements": 2}))
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

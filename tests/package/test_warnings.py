@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod.chain import _scheme as chain_scheme
+from cablepod.integrate import _scheme as integrate_scheme
 
 PACKAGE = Path(cp.__file__).parent
 
@@ -68,7 +68,7 @@ CALLS = {
 @pytest.mark.parametrize("text", CALLS)
 def test_a_warning_names_the_line_of_the_user(soft, modes, text, monkeypatch):
     if text == "the links hold":
-        monkeypatch.setattr(chain_scheme, "ENERGY_WARN", 1e-9)
+        monkeypatch.setattr(integrate_scheme, "ENERGY_WARN", 1e-9)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         CALLS[text](soft, modes)
