@@ -12,10 +12,10 @@ import xarray as xr
 
 from cablepod.batch._members import over_members
 from cablepod.cable._air import MeshAir
-from cablepod.cable._equilibrium import TooFewElements, solve_equilibrium
+from cablepod.cable._equilibrium import TooFewElements
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._simulate import LAW, counts_of, record
-from cablepod.cable._start import catenary_nodes, equilibrium_in_wind
+from cablepod.cable._start import start
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._damped_vibrations import damped_vibrations
@@ -202,9 +202,7 @@ def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) ->
 
     p, order = mesh.p, mesh.order
     air = mean_air_of(p)
-    position = (
-        solve_equilibrium(mesh, catenary_nodes(mesh)) if air is None else equilibrium_in_wind(mesh, MeshAir(mesh, air))
-    )
+    position = start(mesh, None if air is None else MeshAir(mesh, air))
     g = mesh.gradient(position)
     stretch = np.sqrt(square(g))
     if not stretch.min() > 1.0:  # of a cable so stiff that its strain at rest is below the rounding of the positions
@@ -270,7 +268,7 @@ def normal_of_plane(p: Parameters, mesh: SpectralMesh) -> np.ndarray | None:
     load, air = p.load_at(0.0), mean_air_of(p)
     if air is not None:
         drag = MeshAir(mesh, air)
-        load = load + drag.at_rest(equilibrium_in_wind(mesh, drag)).sum(axis=0) / mesh.total_length
+        load = load + drag.at_rest(start(mesh, drag)).sum(axis=0) / mesh.total_length
     chord = np.subtract(*p.end_positions(np.zeros(1))[0])
     normal = np.cross(chord, load)
     norm = float(np.linalg.norm(normal))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.cable._air import MeshAir
-from cablepod.cable._equilibrium import solve_equilibrium, tangent_stiffness
+from cablepod.cable._equilibrium import tangent_stiffness
 from cablepod.cable._kernels_arguments import (
     NOTHING,
     Air,
@@ -25,7 +25,7 @@ from cablepod.cable._kernels_arguments import (
     Work,
 )
 from cablepod.cable._mesh import SpectralMesh, rate_dampings
-from cablepod.cable._start import catenary_nodes
+from cablepod.cable._start import start
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
 from cablepod.chain._lanes import ROUNDING
@@ -159,7 +159,7 @@ class ImplicitCableRun(ImplicitChainRun):
         if p.damping_ratios is None:
             return NodalDamping.none()
         mesh = replace(mesh, p=replace(p, initial={}))
-        stiffness = tangent_stiffness(mesh, solve_equilibrium(mesh, catenary_nodes(mesh)))
+        stiffness = tangent_stiffness(mesh, start(mesh))
         if self.attached is not None:
             self.attached.add_stiffness(stiffness)
         mass, width = np.repeat(mesh.mass[1:-1], p.dims), p.dims * (mesh.order + 1)

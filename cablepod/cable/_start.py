@@ -68,7 +68,7 @@ def catenary_chain(mesh: SpectralMesh, nodes: np.ndarray) -> CatenaryChain:
 
 
 def catenary_nodes(mesh: SpectralMesh, arc_length: np.ndarray | None = None, air: CableAir | None = None) -> np.ndarray:
-    """Integrate the shape of the continuous cable in equilibrium, or with the initial length of its scene.
+    """Integrate the shape of the continuous cable in equilibrium.
 
     Returns positions (nodes, dims) [m] at the nodes, or at given arc lengths [m], which must include the nodes.  In wind, given
     by `air`, they are of second order in the distance of Gauss's points.  Of a cable of several segments, or with masses on it,
@@ -222,13 +222,10 @@ def start(mesh: SpectralMesh, air: MeshAir | None = None) -> np.ndarray:
     """Return the initial positions (nodes, dims) [m]: equilibrium, or the shape given in the scene's table ``initial``."""
     p = mesh.p
     if "points" not in p.initial:
-        if is_piecewise(p) and p.initial:
+        if p.initial:
             mesh = _with_initial_length(mesh)
-            air, p = None if air is None else MeshAir(mesh, air.air), mesh.p
-        if air is not None and not p.initial:
-            return equilibrium_in_wind(mesh, air)
-        shape = catenary_nodes(mesh, air=None if air is None else air.air)
-        return shape if p.initial else solve_equilibrium(mesh, shape)
+            air = None if air is None else MeshAir(mesh, air.air)
+        return solve_equilibrium(mesh, catenary_nodes(mesh)) if air is None else equilibrium_in_wind(mesh, air)
     line = np.asarray(p.initial["points"], dtype=float)
     # one point for each particle of the chain: the cable runs through them
     if p.links is not None and len(line) == p.links + 1:

@@ -124,6 +124,7 @@ CASES = {
         "motion": {"upper": SMOOTH["upper"]},
     },
     "points": {"initial": {"points": [[0.0, 0.0], [3.0, 4.5], [8.0, 6.0]]}},
+    "length": {"initial": {"top_tension": 260.0}},
 }
 
 
@@ -133,6 +134,7 @@ CASES = {
         *(slow(*one) if one == ("green", "mass damping") else one for one in LAW_AND_TERM),  # another loop of the chain
         ("green", "points"),
         ("linear", "points"),
+        ("green", "length"),
         ("linear", "free end"),
     ],
 )
