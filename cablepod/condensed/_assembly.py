@@ -15,6 +15,7 @@ from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
 from cablepod.pod import _normal as pod_normal
+from cablepod.pod._project import numbers_of
 from cablepod.pod._snapshots import relative_arc_length
 
 #: Minimum number of quadrature points: the squared slope of a single mode already has two maxima.
@@ -34,13 +35,15 @@ def model_of(
     SceneError
         For a scene, modes or options that the condensed model does not support.
     """
-    return rescaled_model(unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature), p)
+    unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
+    pod_normal.check_axis(modes, np.diff(p.initial_ends, axis=0)[0])
+    return rescaled_model(unit, p)
 
 
 def unit_of(
     p: Parameters, modes: xr.Dataset, *, rank: int | None, order: str, law: str, quadrature: int | None = None
 ) -> CondensedModel:
-    """Return the unit model of a scene on modes, which all scenes with loads of the same kinds share.
+    """Return the unit model of a scene on modes, which all scenes with loads of the same kinds and the same normals share.
 
     Raises
     ------
@@ -59,7 +62,8 @@ def unit_of(
         if rank > most:
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
     retained = tuple(shape if rank is None else shape[:rank] for _, shape in sets)
-    unit = unit_model(ModeStructure.of(p, relative_arc_length(modes), retained, (order, law, quadrature)))
+    numbers = tuple(numbers_of(modes, max(len(shape) for shape in retained)).tolist())
+    unit = unit_model(ModeStructure.of(p, relative_arc_length(modes), retained, numbers, (order, law, quadrature)))
     if quadrature is not None:
         _check_quadrature(unit)
     return unit

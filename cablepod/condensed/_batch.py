@@ -83,8 +83,8 @@ def run(
         ends = computed_variable(("member", "time", "end", "coordinate"), shape, EndPositions(members, times, failed))
         stack.variables = {"end_position": ends, **stack.variables}
     numbers = places_of(unit, stack.variables, request.links).get("link_number")
-    coords = labels_of(unit, times, modes) | ({} if numbers is None else {"link_number": numbers})
-    places = [name for name in ("arc_length", "link_arc_length") if name in stack.variables]
+    coords = labels_of(unit, times) | ({} if numbers is None else {"link_number": numbers})
+    places = [name for name in ("arc_length", "particle_mass", "link_arc_length") if name in stack.variables]
     result = to_dataset(stack, scene, coords).set_coords(places)
     result.attrs = {"title": title, **result.attrs}
     warn_condensed_members(stack.attrs)
@@ -176,6 +176,7 @@ class Chunk:
         self.plan = plan
         statics, self.solved = member_statics(parameters)
         self.members = MemberCoefficients.of(plan, parameters, statics)
+        self.solved &= pod_normal.refer_to_axis_of(plan.modes, parameters.ends[:, 1] - parameters.ends[:, 0])
 
     def run(self, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members; return a mask of those completed, variables, the large ones in `rows`, and attributes."""

@@ -40,6 +40,8 @@ class CondensedModel(Coefficients):
     :mod:`cablepod.condensed._attached`.
     """
 
+    #: Numbers of the modes of the larger set, their labels in results (rank,)
+    mode_numbers: tuple[Any, ...] = ()
     #: Coordinates in which the springs have no force (r,), where that is not in still air
     spring_rest: np.ndarray | None = None
 

@@ -29,6 +29,7 @@ from cablepod.integrate._output import (
     law_suffix,
     mean_variables,
     middles_of,
+    particle_coordinates,
     peak_variables,
     trajectory_attributes,
     trajectory_variables,
@@ -36,7 +37,6 @@ from cablepod.integrate._output import (
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import window_attributes
 from cablepod.pod import _normal as pod_normal
-from cablepod.pod._project import numbers_of
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import energy_attributes, forcing_attributes
 
@@ -44,11 +44,11 @@ if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRequest, CondensedResult, CondensedRun
 
 
-def labels_of(model: CondensedModel, times: np.ndarray, modes: xr.Dataset | None) -> dict[str, np.ndarray]:
-    """Return the labels of the dimensions of a result, with the numbers of its modes where these are known."""
+def labels_of(model: CondensedModel, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the labels of the dimensions of a result."""
     return {
         "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
-        "mode": np.arange(1, model.rank + 1) if modes is None else numbers_of(modes, model.rank),
+        "mode": np.array(model.mode_numbers),
         "end": np.array(ENDS),
         "time": times,
     }
@@ -61,10 +61,10 @@ def places_of(
 
     `links` are indices, from 0, or None for all links.
     """
-    arc_length = model.chain.arc_length
-    places: dict[str, tuple[tuple[str, ...], np.ndarray]] = {"arc_length": (("particle",), arc_length)}
+    places = particle_coordinates(model.chain)
     if is_over_links(variables):
-        places["link_arc_length"] = (("link",), middles_of(arc_length)[slice(None) if links is None else links])
+        middles = middles_of(model.chain.arc_length)
+        places["link_arc_length"] = (("link",), middles[slice(None) if links is None else links])
         if links is not None:
             places["link_number"] = (("link",), links + 1)
     return places
@@ -139,11 +139,10 @@ def dataset(
     outputs: tuple[str, ...],
     title: str,
     links: np.ndarray | None = None,
-    modes: xr.Dataset | None = None,
 ) -> xr.Dataset:
     """Make the labelled Dataset of a run with given attributes."""
     arrays = variables(model, state, outputs, links)
-    result = labelled_dataset(arrays, labels_of(model, state.instants.times, modes), places_of(model, arrays, links))
+    result = labelled_dataset(arrays, labels_of(model, state.instants.times), places_of(model, arrays, links))
     result.attrs = {"title": title_of(model, title), **attrs}
     return result
 
@@ -173,7 +172,7 @@ def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: Condens
 def result_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest, title: str) -> xr.Dataset:
     """Make the Dataset of one run."""
     attrs = attributes_of(solution, modes, request)
-    return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links, modes)
+    return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)
 
 
 def stop_unstable(run: CondensedRun, state: CondensedTrajectory, step_number: int) -> NoReturn:

@@ -65,7 +65,7 @@ def dataset_of(
             continue
         dims = tuple(f"{name}_{axis}" for axis in range(array.ndim))
         variables[f"coefficient_{name}"] = (dims, array)
-    result = xr.Dataset(variables, coords={"coordinate": coordinates, "mode": np.arange(1, rank + 1)})
+    result = xr.Dataset(variables, coords={"coordinate": coordinates, "mode": np.array(model.mode_numbers)})
     result = result.assign_coords(time=prepared.time)
     for prefix, source in zip(PREFIXES, (scene, modes), strict=True):
         for key, variable in source.variables.items():

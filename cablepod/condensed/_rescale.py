@@ -29,6 +29,7 @@ class ModeStructure:
 
     sigma: np.ndarray = field(compare=False)  #: relative arc length of the particles (n + 1,)
     modes: tuple[np.ndarray, ...] = field(compare=False)  #: modes of each set (mode, particle)
+    mode_numbers: tuple[Any, ...]  #: labels of the modes of the larger set
     p: Parameters = field(compare=False)  #: any parameters with these kinds of loads
     order: str
     law: str
@@ -37,13 +38,18 @@ class ModeStructure:
 
     @classmethod
     def of(
-        cls, p: Parameters, sigma: np.ndarray, modes: tuple[np.ndarray, ...], options: tuple[str, str, int | None]
+        cls,
+        p: Parameters,
+        sigma: np.ndarray,
+        modes: tuple[np.ndarray, ...],
+        mode_numbers: tuple[Any, ...],
+        options: tuple[str, str, int | None],
     ) -> ModeStructure:
-        """Make the structure of a scene on modes; `options` are order, law and quadrature."""
+        """Make the structure of a scene on modes with some numbers; `options` are order, law and quadrature."""
         content = tuple((array.shape, array.tobytes()) for array in (sigma, *modes))
         is_uniform = not (p.segments or p.attachments)  # the models of others are no multiples of a unit model
         loads = (p.dims, bool(p.motions), tuple(load.fraction for load in p.point_loads), is_uniform)
-        return cls(sigma, modes, p, *options, (content, loads))
+        return cls(sigma, modes, mode_numbers, p, *options, (content, loads))
 
 
 @lru_cache(UNIT_MODELS)
@@ -52,7 +58,7 @@ def unit_model(structure: ModeStructure) -> CondensedModel:
     sigma = structure.sigma.copy()
     chain = LumpedChain(replace(structure.p, mass=1.0), np.diff(sigma), sigma, structure.law)
     modes = tuple(shape.copy() for shape in structure.modes)
-    return CondensedModel(chain, structure.order, modes, structure.quadrature)
+    return CondensedModel(chain, structure.order, modes, structure.quadrature, mode_numbers=structure.mode_numbers)
 
 
 class MemberStates(NamedTuple):

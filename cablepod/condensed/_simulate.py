@@ -19,6 +19,7 @@ from cablepod.conventions import OUTPUTS
 from cablepod.errors import scene_error
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import Members, SceneContent
+from cablepod.pod._normal import check_axis
 from cablepod.reduced._validity import warn_condensed_out_of_range
 from cablepod.scene._warnings import warn_of_unusual
 
@@ -176,6 +177,7 @@ def simulate(
     else:
         title = str(scene.attrs.get("title", "scene"))
         warn_of_velocity_jump(p)
+        check_axis(modes, np.diff(p.initial_ends, axis=0)[0])
         solution = solve(kept_model(unit, p), request, request.progress)
         result, used_tolerance = result_of(solution, modes, request, title), solution.tolerance
         warn_condensed_out_of_range(result.attrs)

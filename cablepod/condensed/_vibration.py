@@ -22,6 +22,7 @@ from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.discretisation._similarity import features
 from cablepod.errors import scene_error
+from cablepod.integrate._output import particle_coordinates
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -63,8 +64,8 @@ def vibration_modes(
     -------
     xarray.Dataset
         ``mode_shape (mode, particle)`` and ``angular_frequency (mode)`` [rad/s] in increasing order, in space also with the
-        suffix ``_out_of_plane``, and ``unstretched_length`` [m].  With static modes the frequencies are those of the cable held
-        to the one shape (root of the Rayleigh quotient), as are those of kink shapes.
+        suffix ``_out_of_plane`` and ``normal_reference (coordinate)``, and ``unstretched_length`` [m].  With static modes the
+        frequencies are those of the cable held to the one shape (root of the Rayleigh quotient), as are those of kink shapes.
 
         With dampers, and without static modes, ``angular_frequency`` is abs(lambda) and ``damping_ratio (mode)`` is
         -Re(lambda) / abs(lambda) of the roots lambda with which vibrations go as exp(lambda t); their shapes are
@@ -120,14 +121,13 @@ def vibration_modes(
         for name, values in found.items()
     }
     variables["unstretched_length"] = ((), np.array(chain.total_length))
+    variables |= pod_normal.reference_variable(pod_normal.reference_of(p.ends[None]))
     count = len(sets[""]["angular_frequency"])
     coords: dict[str, Any] = {
         "mode": np.arange(1, count + 1),
         "coordinate": list(COORDINATES[: p.dims]),
-        "arc_length": ("particle", chain.arc_length),
+        **particle_coordinates(chain),
     }
-    if (masses := chain.own_masses) is not None:
-        coords["particle_mass"] = ("particle", masses)
     result = xr.Dataset(variables, coords=shared_coordinates(coords))
     add_training_range(result, np.tile(_features_at_rest(p, chain.total_length), (2, 1)))
     names = {

@@ -27,14 +27,18 @@ def chain_coordinates(chain: LumpedChain, *, has_links: bool) -> dict[str, Any]:
     """Return the coordinates of a result on the particles of a chain, or on the output particles of a mesh.
 
     `has_links` tells whether it has variables of the links between them.  Neither particles nor links have labels, by which
-    xarray would pair those of the same number in results of different meshes.  Particles with masses of their own have these.
+    xarray would pair those of the same number in results of different meshes.
     """
-    coords: dict[str, Any] = {"arc_length": (PARTICLES[1:2], chain.particles)}
-    if (masses := chain.own_masses) is not None:
-        coords["particle_mass"] = (PARTICLES[1:2], masses)
+    coords: dict[str, Any] = particle_coordinates(chain)
     if has_links:
         coords["link_arc_length"] = (LINKS[1:], middles_of(chain.particles))
     return {**coords, "coordinate": np.array(COORDINATES[: chain.p.dims])}
+
+
+def particle_coordinates(chain: LumpedChain) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Return the coordinates of particles: their arc lengths, and their masses where these are their own."""
+    values = {"arc_length": chain.particles, "particle_mass": chain.own_masses}
+    return {name: (PARTICLES[1:2], array) for name, array in values.items() if array is not None}
 
 
 def middles_of(arc_length: np.ndarray) -> np.ndarray:

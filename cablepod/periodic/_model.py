@@ -21,6 +21,7 @@ from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
 from cablepod.periodic._kernels_layout import Forced
 from cablepod.periodic._sag import MODES_WITH_SAG, missing_sag, sag_over_chord
+from cablepod.pod._normal import check_axis
 
 #: Orders of the condensed model that have periodic responses.
 ORDERS = ("leading", "exact")
@@ -77,6 +78,7 @@ class PeriodicModel:
         """
         choice(*ORDERS)("order", order)
         unit = unit_of(forcing.parameters, modes, rank=rank, order=order, law="linear")
+        check_axis(modes, np.diff(forcing.parameters.initial_ends, axis=0)[0])
         return cls(rescaled_model(unit, forcing.parameters), unit, out_of_plane, forcing)
 
     def with_amplitude(self, factor: float) -> PeriodicModel:

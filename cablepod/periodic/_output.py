@@ -11,7 +11,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, ENDS, STILL_AIR, label
 from cablepod.errors import OutOfRangeWarning, RunStopped, warn
-from cablepod.integrate._output import middles_of
+from cablepod.integrate._output import middles_of, particle_coordinates
 from cablepod.periodic._fields import mode_amplitudes
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import State, sets_of
@@ -23,7 +23,7 @@ SIGNIFICANT_HARMONIC = 1e-2
 #: Name -> (units, long name) of the variables of this sub-package.
 NAMES: dict[str, tuple[str, str]] = {
     "angular_frequency": ("rad s-1", "angular frequency of the forcing"),
-    "mode": ("1", "number of the mode, from 1, in the order of the modes given"),
+    "mode": ("1", "number of the mode, its label in the modes given"),
     "point": ("1", "number of the point, from 1, along one branch after the other"),
     "branch": ("1", "number of the branch, from 1"),
     "amplitude": ("m", "half of the range of the amplitude of the mode over a period"),
@@ -60,10 +60,10 @@ def indexes(model: PeriodicModel) -> dict[str, Any]:
     """Return the coordinates of results on the particles and modes of the model."""
     chain = model.condensed.chain
     return {
-        "mode": np.arange(1, max(len(shapes) for shapes in model.sets) + 1),
+        "mode": np.array(model.condensed.mode_numbers),
         "end": list(ENDS),
-        "arc_length": ("particle", chain.arc_length),
-        "link_arc_length": ("link", middles_of(chain.arc_length)),
+        **particle_coordinates(chain),
+        "link_arc_length": (("link",), middles_of(chain.arc_length)),
     }
 
 
@@ -75,7 +75,7 @@ def dataset(
     known = {
         name: value
         for name, value in indexes(model).items()
-        if (name if not isinstance(value, tuple) else value[0]) in used and name not in coords
+        if used.issuperset(value[0] if isinstance(value, tuple) else (name,)) and name not in coords
     }
     if "coordinate" in used:
         count = next(

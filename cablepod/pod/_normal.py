@@ -10,11 +10,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NO_MOTION, floats
-from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
+from cablepod.discretisation._chord_frame import ChordFrame, reference_axis, stretch_to_close
 from cablepod.errors import SceneError, scene_error
 
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")
+#: Rounding of an axis in files, which may have short floats.
+REFERENCE_ROUNDING = 1e-6
 
 
 def reference_of(position: np.ndarray) -> np.ndarray:
@@ -87,12 +89,33 @@ def reference_variable(reference: np.ndarray | None) -> dict[str, tuple[tuple[st
     return {} if reference is None or reference.size == 2 else {"normal_reference": (("coordinate",), reference)}
 
 
+def refer_to_axis_of(modes: xr.Dataset, chord: np.ndarray) -> np.ndarray:
+    """Tell whether the normals of cables with chords (..., dims) [m] at the start refer to the axis of modes, if this is known.
+
+    Otherwise the modes of both normals would be exchanged, or turned.
+    """
+    reference = _reference_in("modes", modes) if chord.shape[-1] == 3 else None
+    if reference is None:
+        return np.ones(chord.shape[:-1], dtype=bool)
+    return np.abs(reference_axis(chord) @ reference) > 1.0 - REFERENCE_ROUNDING
+
+
+def check_axis(modes: xr.Dataset, chord: np.ndarray) -> None:
+    """Refuse modes whose normals refer to another axis than those of a cable with a chord (dims,) [m] at the start."""
+    if not refer_to_axis_of(modes, chord):
+        raise scene_error(
+            "modes: normal_reference",
+            modes["normal_reference"].values.tolist(),
+            f"{reference_axis(chord).tolist()}, the axis of the scene at its start; try: modes of a cable with its inclination",
+        )
+
+
 def _reference_in(key: str, dataset: xr.Dataset) -> np.ndarray | None:
     """Return the axis that the normals of modes or amplitudes in space refer to, None where it is not known."""
     if "normal_reference" not in dataset.variables:
         return None
     reference = _values(key, dataset, "normal_reference", ("coordinate",))
-    if not abs(float(np.linalg.norm(reference)) - 1.0) < 1e-6:  # also for nan; files may have short floats
+    if not abs(float(np.linalg.norm(reference)) - 1.0) < REFERENCE_ROUNDING:  # also for nan
         raise scene_error(f"{key}: normal_reference", reference.tolist(), "a unit vector")
     return reference
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -82,6 +83,22 @@ def test_a_chord_that_turns_into_its_first_normal_is_refused(soft, modes):
             cp.condensed.simulate(scene, modes[3], rank=2, step=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # modes that lack the sag
+@pytest.mark.filterwarnings("ignore::cablepod.errors.MemberFailedWarning")
+@pytest.mark.parametrize("step", [1e-3, None])
+def test_modes_in_and_out_of_the_plane_are_not_exchanged(soft, step):
+    """Within 11 degrees of the vertical the first normal is a level one: there modes of a slanted cable are for the other one."""
+    scenes = cp.ensemble.design(cp.make_scene(spatial(soft)), {"ends.upper.x": [0.5, 5.0]}, members=2, sampling="grid")
+    steep, slanted = (scenes.isel(member=k) for k in (0, 1))
+    modes = cp.condensed.vibration_modes(slanted, rank=2)
+    match = r"^modes: normal_reference: given \[0.0, 1.0, 0.0\]; allowed: \[0.0, 0.0, 1.0\], the axis of the scene"
+    with pytest.raises(cp.SceneError, match=match):
+        cp.condensed.simulate(steep, modes, step=step)
+    run, alone = (cp.condensed.simulate(given, modes, step=step, outputs=()) for given in (scenes, slanted))
+    assert re.search(match, str(run.failure.values[0]))
+    np.testing.assert_allclose(run.amplitude[1], alone.amplitude, rtol=0, atol=1e-10)
+
+
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
 def test_slack_cables_and_fast_ends_cause_warnings(soft, modes):
     lifted = cp.make_scene(
@@ -117,18 +134,19 @@ def test_slack_cables_and_fast_ends_cause_warnings(soft, modes):
 @pytest.mark.parametrize("order", ["leading", "exact"])
 def test_a_stiffening_cable_stops_with_a_partial_result(soft, modes, order):
     pull = {"upper": {"x": {"kind": "ramp", "amplitude": 0.5, "duration": 4.0}}}
-    scene = cp.make_scene({**soft, "motion": pull})
+    scene, numbered = cp.make_scene({**soft, "motion": pull}), modes[2].assign_coords(mode=[1, 2, 4, 7])
     times = np.arange(401) / 100
-    limit = cp.condensed.simulate(scene, modes[2], order=order, step=1e-3, times=[0.0]).attrs["step_limit"]
+    limit = cp.condensed.simulate(scene, numbered, order=order, step=1e-3, times=[0.0]).attrs["step_limit"]
     with pytest.raises(
         cp.RunStopped, match=r"stiffened: from .* s on its stability limit is below the step"
     ) as stopped:
-        cp.condensed.simulate(scene, modes[2], order=order, scheme="velocity_verlet", step=0.9 * limit, times=times)
+        cp.condensed.simulate(scene, numbered, order=order, scheme="velocity_verlet", step=0.9 * limit, times=times)
     partial = stopped.value.partial
+    assert partial.mode.values.tolist() == [1, 2, 4, 7]
     assert 10 < partial.sizes["time"] < 400
     assert float(partial.attrs["incomplete"].split()[2]) >= float(partial.time[-1])
     short = cp.condensed.simulate(
-        scene, modes[2], order=order, scheme="velocity_verlet", step=0.9 * limit, times=partial.time.values[:-20]
+        scene, numbered, order=order, scheme="velocity_verlet", step=0.9 * limit, times=partial.time.values[:-20]
     )
     np.testing.assert_array_equal(short.amplitude, partial.amplitude[:-20])
 

@@ -254,7 +254,9 @@ def test_pod_modes_of_a_cable_of_segments() -> None:
     weights, shapes = modes.particle_mass.values, modes.mode_shape.values
     gram = (shapes * weights) @ shapes.T
     assert gram == pytest.approx(np.diag(np.diag(gram)), abs=1e-9 * gram.max())  # orthogonal in the masses
-    assert distance(cp.condensed.simulate(scene, modes), chain) < 2e-3
+    run = cp.condensed.simulate(scene, modes)
+    assert distance(run, chain) < 2e-3
+    np.testing.assert_allclose(run.particle_mass, chain.particle_mass, rtol=1e-9)  # for modes of it by mass
 
 
 def test_members_of_different_places_and_sizes() -> None:
@@ -268,6 +270,7 @@ def test_members_of_different_places_and_sizes() -> None:
     for k, scene in enumerate(scenes):
         alone = cp.condensed.simulate(scene, modes)
         assert np.abs(runs.position.values[k] - alone.position.values).max() < 1e-12 * 60.0
+        np.testing.assert_array_equal(runs.particle_mass[k], alone.particle_mass)
 
 
 # --- refusals ---------------------------------------------------------------------------------------------------------
