@@ -188,6 +188,11 @@ class CondensedAir:
 
     def acceleration(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return the accelerations of the coordinates (r,) by the drag at the start."""
+        f, model = self.force(q, rates), self.model
+        return model.accelerations(f, q, rates) if model.inertia.size else f
+
+    def force(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return the forces on the coordinates (r,) by the drag at the start."""
         from cablepod.condensed import _kernels_drag as kernel
 
         wind, _, drag, shapes = self.arguments
@@ -197,7 +202,7 @@ class CondensedAir:
         else:
             stretch, exact = model.mean_stretch(q, model.initial_boundary_data), True
         kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, shapes, model.n_in_plane, self.bodies, f)
-        return model.accelerations(f, q, rates) if model.inertia.size else f
+        return f
 
     def hold(self, chord_tension: float, step: float) -> int:
         """Return the number of steps [s] from one evaluation of the drag to the next, for a chord tension [N] at the start."""
@@ -266,8 +271,8 @@ class CondensedAir:
             share, rtol = increment / INCREMENTS, DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL
 
             def forces(q: np.ndarray, _: np.ndarray, share: float = share) -> tuple[np.ndarray, np.ndarray]:
-                force, tangent, _tension = model.force(q[0], still, static)
-                return (force + share * self.acceleration(q[0], still))[None], tangent[None]
+                force, tangent, *_ = model.forces(q[0], still, static)
+                return (force + share * self.force(q[0], still))[None], tangent[None]
 
             def is_found(change: np.ndarray, q: np.ndarray, _: np.ndarray, rtol: float = rtol) -> np.ndarray:
                 return np.isfinite(q).all(axis=1) & (np.abs(change).max(axis=1) <= rtol * np.abs(q).max(axis=1))

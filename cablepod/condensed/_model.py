@@ -226,7 +226,7 @@ class CondensedModel(Coefficients):
         static = self.static_boundary_data
 
         def forces(unknowns: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            force, tangent, _mass, _tension = self._forces(unknowns[0], np.zeros_like(q), static)
+            force, tangent, _mass, _tension = self.forces(unknowns[0], np.zeros_like(q), static)
             return force[None], tangent[None]
 
         found, is_near = equilibria(q[None], forces)
@@ -237,7 +237,7 @@ class CondensedModel(Coefficients):
         """Damping matrix of the ratios of the scene, of vibrations about rest (r, r) [1/s]; without entries: none."""
         if self.chain.p.damping_ratios is None:
             return np.empty((0, 0))
-        _, stiffness, mass, _ = self._forces(self.rest, np.zeros_like(self.rest), self.static_boundary_data)
+        _, stiffness, mass, _ = self.forces(self.rest, np.zeros_like(self.rest), self.static_boundary_data)
         return modal_damping(
             self.chain.p.damping_ratios, stiffness, mass if self.inertia.size else np.ones(len(stiffness))
         )
@@ -304,14 +304,14 @@ class CondensedModel(Coefficients):
 
     def force(self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return undamped accelerations (r,), tangent of the forces (r, r) and H [N] of one state."""
-        f, tangent, mass, chord_tension = self._forces(q, v, boundary_data)
+        f, tangent, mass, chord_tension = self.forces(q, v, boundary_data)
         return (np.linalg.solve(mass, f) if self.inertia.size else f), tangent, chord_tension
 
     def accelerations(self, f: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the accelerations (r,) by forces f (r,) in a state at the start, with the chordwise inertia."""
-        return np.linalg.solve(self._forces(q, v, self.initial_boundary_data)[2], f)
+        return np.linalg.solve(self.forces(q, v, self.initial_boundary_data)[2], f)
 
-    def _forces(
+    def forces(
         self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Return undamped forces (r,), their tangent (r, r), mass matrix (r, r) and H [N] of one state."""
