@@ -259,7 +259,8 @@ def motion_or_missed(motion: float, chord: float, squares: np.ndarray) -> float:
     """
     error = np.sqrt(squares)
     missed = float(np.abs(error - error[0]).max())
-    return missed if motion == chord and missed > MISSED_MOTION * error.max() else motion
+    is_missed = motion == chord and missed > MISSED_MOTION * error.max()
+    return float(motion_or_chord(missed, chord)) if is_missed else motion  # the chord where the cable stands still too
 
 
 @lru_cache(KEPT_EQUATIONS)

@@ -280,3 +280,10 @@ def test_a_still_cable_without_weight_has_no_error_and_no_warning():
     scene = cp.make_scene(tables)
     run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=2), outputs=("error_estimate",))
     assert run.attrs["error_estimate"] == 0.0
+
+
+@pytest.mark.parametrize("order", ORDERS[1:])
+def test_rounding_is_no_motion_that_a_cable_at_rest_misses(soft, order):
+    scene = cp.make_scene({**soft, "motion": {}})
+    modes = cp.condensed.vibration_modes(scene, rank=2, static_modes=True)  # which hold the rest of the chain exactly
+    assert cp.condensed.simulate(scene, modes, order=order).attrs["error_estimate"] < 1e-9
