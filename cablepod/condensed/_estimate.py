@@ -120,7 +120,8 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
         equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
     squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate) + displaced
     along = waves_of(model, float(state.instants.times[-1]), air if p.initial else None)
-    scale = motion_or_missed(scale, model.chain.chord, squares)
+    if air is not None or p.initial or p.time_functions():  # otherwise the cable stands still as the model does
+        scale = motion_or_missed(scale, model.chain.chord, squares)
     return min(math.sqrt(squares.max() + along * along) / scale, MAX_ERROR)
 
 

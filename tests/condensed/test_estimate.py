@@ -282,8 +282,10 @@ def test_a_still_cable_without_weight_has_no_error_and_no_warning():
     assert run.attrs["error_estimate"] == 0.0
 
 
-@pytest.mark.parametrize("order", ORDERS[1:])
-def test_rounding_is_no_motion_that_a_cable_at_rest_misses(soft, order):
+# order leading rests elsewhere, and its error vibrates: by 1.2 % of the chord, not by all of the motion
+@pytest.mark.parametrize(("order", "most"), [("leading", 0.02), ("exact", 1e-9), ("inertial", 1e-9)])
+def test_a_cable_at_rest_has_no_motion_that_the_model_misses(soft, order, most):
+    soft["cable"] |= {"youngs_modulus": 2e11, "top_tension": 300.0}
     scene = cp.make_scene({**soft, "motion": {}})
     modes = cp.condensed.vibration_modes(scene, rank=2, static_modes=True)  # which hold the rest of the chain exactly
-    assert cp.condensed.simulate(scene, modes, order=order).attrs["error_estimate"] < 1e-9
+    assert cp.condensed.simulate(scene, modes, order=order).attrs["error_estimate"] < most
