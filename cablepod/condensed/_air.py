@@ -271,7 +271,7 @@ class CondensedAir:
             share, rtol = increment / INCREMENTS, DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL
 
             def forces(q: np.ndarray, _: np.ndarray, share: float = share) -> tuple[np.ndarray, np.ndarray]:
-                force, tangent, *_ = model.forces(q[0], still, static)
+                force, tangent, _mass, _tension = model.forces(q[0], still, static)
                 return (force + share * self.force(q[0], still))[None], tangent[None]
 
             def is_found(change: np.ndarray, q: np.ndarray, _: np.ndarray, rtol: float = rtol) -> np.ndarray:
