@@ -30,7 +30,7 @@ from cablepod.ensemble._cluster import Again
 from cablepod.ensemble._collect_warnings import Note, emit_of_all_members, emit_warnings
 from cablepod.ensemble._job import Done, compute_collecting, inputs_of, run_batch, write_batch
 from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
-from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
+from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, check_workers, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, warn
 from cablepod.integrate._request import Request
 from cablepod.parameters._checks import integer
@@ -113,6 +113,7 @@ def run(
         If members have not converged in time, with the worst in motion and in tension.  Other warnings of the members are emitted
         once for each category.
     """
+    check_workers(scheduler, workers)
     plan, inputs = _prepare(scenes, model, modes, options, batch)
     with defer_sigint(), resume.open_store(path, plan, inputs, overwrite=overwrite) as store:
         missing = store.missing()
@@ -174,6 +175,7 @@ def batches(
     WorkersWarning, MemberFailedWarning, NotConvergedWarning
         As :func:`run`, those of members behind the last batch.
     """
+    check_workers(scheduler, workers)
     plan, inputs = _prepare(scenes, model, modes, options, batch)
     return _batches(plan, inputs, scheduler, workers, progress)
 

@@ -54,14 +54,33 @@ class ThreadPool:
 WorkerPool = ThreadPool | DaskPool
 
 
-@contextlib.contextmanager
-def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[WorkerPool]:
-    """Provide workers for a number of batches, and release them on exit.
+def check_workers(scheduler: Any, workers: Any) -> None:
+    """Refuse an unknown scheduler, and a number of workers that cannot be or is not ours to choose.
 
     Raises
     ------
     SceneError
-        For an unknown scheduler, or one that does not answer.
+        Names ``scheduler`` or ``workers``.
+    """
+    is_text = isinstance(scheduler, str)
+    is_client = hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info")
+    here = scheduler is None or (is_text and scheduler == "processes")
+    if not (here or is_client or (is_text and "://" in scheduler)):
+        raise scene_error("scheduler", scheduler, ALLOWED)
+    if workers is not None:
+        integer(least=1, most=4096)("workers", workers)
+        if not here:
+            raise scene_error("workers", workers, "none with a scheduler of your own, which has its own workers")
+
+
+@contextlib.contextmanager
+def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[WorkerPool]:
+    """Provide workers for a number of batches, and release them on exit; :func:`check_workers` has checked the arguments.
+
+    Raises
+    ------
+    SceneError
+        For a scheduler that does not answer.
     """
     with contextlib.ExitStack() as contexts:
         with defer_sigint():
@@ -75,18 +94,14 @@ def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[W
 
 def _create_pool(contexts: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> WorkerPool:
     """Create workers that are released when `contexts` is closed."""
-    count = cores() if workers is None else integer(least=1, most=4096)("workers", workers)
+    count = workers or cores()
     if scheduler is None:
         return contexts.enter_context(_threads(count, batches))
-    if isinstance(scheduler, str) and scheduler == "processes":
-        return contexts.enter_context(_processes(min(count, max(batches, 1))))
-    if workers is not None:
-        raise scene_error("workers", workers, "none with a scheduler of your own, which has its own workers")
-    if isinstance(scheduler, str) and "://" in scheduler:
-        return contexts.enter_context(client_pool(contexts.enter_context(connected(scheduler)), scheduler))
-    if hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info"):
+    if not isinstance(scheduler, str):
         return contexts.enter_context(client_pool(scheduler, scheduler))
-    raise scene_error("scheduler", scheduler, ALLOWED)
+    if scheduler == "processes":
+        return contexts.enter_context(_processes(min(count, max(batches, 1))))
+    return contexts.enter_context(client_pool(contexts.enter_context(connected(scheduler)), scheduler))
 
 
 @contextlib.contextmanager

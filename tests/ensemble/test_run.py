@@ -209,10 +209,15 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize(("options", "match"), OPTIONS, ids=[str(next(iter(item[0].items())))[:20] for item in OPTIONS])
-def test_options_are_checked_before_anything_runs(scenes_of, tmp_path, options, match):
-    with pytest.raises(cp.SceneError, match=match):
-        cp.ensemble.run(scenes_of(), tmp_path / "it", **options)
-    assert not list(tmp_path.glob("it/batch*"))
+def test_options_are_checked_before_anything_runs(finished, scenes_of, tmp_path, options, match):
+    for run in (
+        lambda: cp.ensemble.run(scenes_of(), tmp_path / "it", **options),
+        lambda: cp.ensemble.run(scenes_of(), finished, **{"batch": 4, "step": ENSEMBLE_STEP, **options}),
+        lambda: cp.ensemble.batches(scenes_of(), **options),
+    ):
+        with pytest.raises(cp.SceneError, match=match):
+            run()
+    assert not (tmp_path / "it").exists()
 
 
 def test_scenes_that_give_no_single_array_are_refused(scenes_of, soft, tmp_path):
