@@ -58,6 +58,47 @@ def check_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str =
             raise ArchiveError(f"{key}: given {out}, where {name} is a folder; allowed: another folder")
 
 
+def lock(handle: int, folder: Path) -> None:
+    """Lock an open file of a folder, or the folder itself, until it is closed or the process ends, where the system has locks.
+
+    Raises
+    ------
+    ArchiveError
+        If another run has it.
+    """
+    try:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ArchiveError(
+            f"{folder}: another run is at work in this folder; wait for it, or give another one"
+        ) from None
+    except (ImportError, OSError):  # the system, or the file system, has no locks: each file is atomic nevertheless
+        pass
+
+
+@contextlib.contextmanager
+def sole_run(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder.
+
+    Raises
+    ------
+    ArchiveError
+        If another run is at work there.
+    """
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # this system opens no folders
+        yield
+        return
+    try:
+        lock(handle, folder)
+        yield
+    finally:
+        os.close(handle)
+
+
 @contextlib.contextmanager
 def new_results(out: Path, files: Iterable[str]) -> Iterator[Path]:
     """Provide the folder for the files of a new result, which replace those of an old one in `out` when all are written.

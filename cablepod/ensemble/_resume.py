@@ -20,7 +20,7 @@ from cablepod._models import model_of
 from cablepod._resources import check_sigint
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
-from cablepod.archive._folder import check_folder, path_of
+from cablepod.archive._folder import check_folder, lock, path_of
 from cablepod.archive._manifest import (
     COMPLETE,
     KIND,
@@ -245,21 +245,8 @@ def _varied(variable: xr.Variable) -> Any:
 def _locked(folder: Path) -> Iterator[str]:
     """Hold the lock of a folder, which the operating system releases when the process ends; yield a new word in its file."""
     token = uuid.uuid4().hex
-    try:
-        import fcntl
-    except ImportError:  # no locks on this system: two runs write the same files atomically
-        (folder / LOCK).write_text(token, encoding="ascii")
-        yield token
-        return
     with (folder / LOCK).open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ArchiveError(
-                f"{folder}: another run is at work on this ensemble; wait for it, or give another folder"
-            ) from None
-        except OSError:  # the file system has no locks
-            pass
+        lock(file.fileno(), folder)
         file.truncate(0)
         file.write(token)
         file.flush()

@@ -11,7 +11,7 @@ import xarray as xr
 
 from cablepod import archive, provenance
 from cablepod.archive._figure import write_figure
-from cablepod.archive._folder import new_results
+from cablepod.archive._folder import new_results, sole_run
 from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
 from cablepod.paper.summary import HEAD, summary
 
@@ -42,7 +42,7 @@ def write(
     tuple
         The Dataset of all tables, ours and printed, and the rows of the summary.
     """
-    with new_results(folder, FILES) as new:
+    with sole_run(folder), new_results(folder, FILES) as new:
         return _write(new, size, progress)
 
 

@@ -96,7 +96,8 @@ def run(
     SceneError
         For unsupported scenes and ranks, before anything runs.
     ArchiveError
-        Before anything runs, for a folder that cannot be made or written, or that holds results; later for a full disk.
+        Before anything runs, for a folder that cannot be made or written, that holds results, or where another run is at
+        work; later for a full disk.
     RunStopped
         If the run of the chain, or of a mast, diverges.  What it computed is in ``partial``, and where `out` is given in
         ``chain_incomplete.nc``, or ``motion_incomplete.nc``.

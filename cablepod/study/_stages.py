@@ -14,7 +14,7 @@ import xarray as xr
 
 from cablepod import archive
 from cablepod._models import REDUCED
-from cablepod.archive._folder import check_folder, new_results
+from cablepod.archive._folder import check_folder, new_results, sole_run
 from cablepod.errors import RunStopped
 from cablepod.study._figures import FIGURES, MAST_FIGURES, check_backend
 from cablepod.study._notes import OnceEach
@@ -114,7 +114,8 @@ def stages_in(
     Raises
     ------
     ArchiveError
-        If the folder cannot be made or written, or holds files of a study and `overwrite` is false.
+        If the folder cannot be made or written, another run is at work there, or it holds files of a study and `overwrite` is
+        false.
     """
     if out is None:
         yield Stages(None, progress, report)
@@ -126,7 +127,7 @@ def stages_in(
     figures = [f"{name}.png" for name in dict.fromkeys((*FIGURES, *MAST_FIGURES))]
     files = [*(f"{name}.nc" for name in dict.fromkeys(stages)), *figures, *of_models]
     check_folder(path, files, overwrite=overwrite)
-    with new_results(path, files) as folder:
+    with sole_run(path), new_results(path, files) as folder:
         try:
             yield Stages(folder, progress, report)
         except RunStopped:  # what it computed is kept, beside an old study

@@ -81,7 +81,7 @@ def test_it_refuses_another_run_at_a_time_and_survives_being_killed(soft, tmp_pa
     process = start(folder, tmp_path)
     wait_for(folder, 1, process)
     if find_spec("fcntl"):
-        with pytest.raises(cp.ArchiveError, match="another run is at work on this ensemble; wait for it"):
+        with pytest.raises(cp.ArchiveError, match="another run is at work in this folder; wait for it"):
             cp.ensemble.run(scenes, folder, batch=2, step=STEP)
     os.kill(process.pid, signal.SIGKILL)
     finish(process, timeout=60)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import warnings
+from functools import partial
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -53,6 +55,8 @@ def test_it_gives_what_the_functions_give(scene, result):
     assert isinstance(result, xr.DataTree)
     assert list(result) == STAGES
     datasets = {name: node.to_dataset().copy(deep=True) for name, node in result.children.items()}
+    for name, variable in ((name, v) for part in datasets.values() for name, v in part.variables.items()):
+        assert {"units", "long_name"} <= set(variable.attrs), name
     xr.testing.assert_identical(datasets["scene"], scene)
     xr.testing.assert_identical(datasets["catenary"], cp.catenary.rest(scene))
     xr.testing.assert_identical(datasets["chain_rest"], cp.chain.rest(scene))
@@ -210,6 +214,23 @@ def test_results_are_not_overwritten_without_being_asked(scene, tmp_path):
     with pytest.raises(cp.ArchiveError, match=r"out: given .*, which has modes.nc already; .* overwrite=True"):
         cp.study.run(scene, tmp_path, ranks=[1])
     assert [path.name for path in tmp_path.iterdir()] == ["modes.nc"]
+
+
+@pytest.mark.skipif(not find_spec("fcntl"), reason="this system has no locks of folders")
+@pytest.mark.parametrize("old", [False, True])
+def test_two_studies_are_not_in_one_folder_at_a_time(scene, tmp_path, old):
+    begin = partial(cp.study.run, scene, tmp_path / "it", ranks=[1], models=["condensed"], overwrite=True)
+    if old:
+        begin()
+
+    def another(name, _):
+        if name == "summary":
+            with pytest.raises(cp.ArchiveError, match="it: another run is at work in this folder; wait for it"):
+                begin()
+
+    begin(report=another)
+    assert not list(tmp_path.glob("it/.*"))
+    begin()
 
 
 def test_nothing_of_another_scene_is_left_in_a_folder(soft, tmp_path):
