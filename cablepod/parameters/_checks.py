@@ -13,6 +13,8 @@ from cablepod.errors import one_of, scene_error
 
 #: Minimum of positive numbers of a scene and maximum magnitude of all (squares and ratios stay finite).
 SMALLEST, LARGEST = 1e-30, 1e30
+#: Maximum whole number, of seeds too: tables of members and record may hold it as a float, which has all up to here.
+WHOLE = 2**53
 #: What Python or numpy call a number, and is none here.
 NO_NUMBERS = (bool, np.bool_, np.timedelta64)
 #: Direction normal to the chord at rest, in its vertical plane.
@@ -49,7 +51,7 @@ def number(
                 remedy = f"; try: {result * mistaken[0]:.6g} (given in {mistaken[1]}?)"
             raise scene_error(key, value, allowed + remedy)
         if isinstance(value, numbers.Integral) and int(value) != result:  # seeds that differ would become equal
-            raise scene_error(key, value, f"{allowed}, a whole one of at most 2**53 = {2**53}")
+            raise scene_error(key, value, f"{allowed}, a whole one of at most 2**53 = {WHOLE}")
         if abs(result) > LARGEST or (above >= 0.0 and result < SMALLEST):
             raise scene_error(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
         return result
@@ -61,7 +63,7 @@ def _scalar(value: Any) -> Any:
     return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
 
-def integer(*, least: int, most: int = 2**62) -> Check:
+def integer(*, least: int, most: int = WHOLE) -> Check:
     """Make a check of a whole number from `least` to `most`."""
     allowed = f"a whole number of at least {least}"
 
