@@ -69,7 +69,8 @@ def _description(dataset: xr.Dataset) -> Iterator[str]:
         yield heading
         for name, variable in ((name, dataset.variables[name]) for name in names):
             shape = f"({', '.join(map(str, variable.dims))})" if variable.dims else f"= {variable.values.item()!r}"
-            units = f" [{variable.attrs['units']}]" if "units" in variable.attrs else ""  # texts have none
+            is_text = variable.dtype.kind in "UO"
+            units = f" [{variable.attrs['units']}]" if "units" in variable.attrs and not is_text else ""
             yield f"  {name} {shape}{units}  {variable.attrs.get('long_name', '')}".rstrip()
     yield "history"
     yield from (f"  {stage_line(stage)}" for stage in stages)

@@ -152,7 +152,6 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         mode=("1", "number of the mode, from 1, by rising frequency"),
         note=("1", "what is unusual, one note a line"),
     )
-    del result["note"].attrs["units"]
     if not single:  # with the units of the scene, words without
         varied = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
         result = result.assign_coords({name: variable.copy() for name, variable in varied.items()})

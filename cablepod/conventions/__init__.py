@@ -1,7 +1,8 @@
 """Conventions of results: names, units and labels, and Datasets that have them.
 
 Every public function labels its result with :func:`label`, so that attributes do not depend on their propagation through
-arithmetic.  Units are UDUNITS strings, which pint reads too.
+arithmetic.  Units are UDUNITS strings, which pint reads too.  Texts (kinds, profiles, notes, failures) have the units "1",
+which descriptions do not print.
 
 | File | Content |
 | --- | --- |

@@ -71,7 +71,7 @@ def _meaning(parts: tuple[str, ...]) -> str:
 
 def _time_function(path: str, table: Mapping[str, Any], units: str, meaning: str, axes: tuple[str, ...]) -> Variables:
     """Make the variables of a time function."""
-    kind = {"long_name": f"kind of {meaning}"}
+    kind = {"units": "1", "long_name": f"kind of {meaning}"}
     variables: Variables = {variable_name(f"{path}.kind"): ((), np.asarray(table["kind"]), kind)}
     for name, key in time_function_keys(units)[table["kind"]].items():
         if name in table:
@@ -95,7 +95,7 @@ def variable(
     SceneError
         For a vector with another number of components.
     """
-    attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units and not isinstance(value, str) else {})
+    attrs = {"units": "1" if key.units is None or isinstance(value, str) else key.units, "long_name": key.long_name}
     name = variable_name(path)
     if key.check is points:
         for index, vector in enumerate(value):

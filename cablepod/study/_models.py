@@ -78,7 +78,7 @@ def table_of(rows: dict[tuple[str, int], xr.Dataset]) -> xr.Dataset:
         xr.concat([rows.get((model, rank), empty) for rank in ranks], dim="rank", **options) for model in models
     ]
     table = xr.concat(of_model, dim="model", **options).assign_coords(
-        model=("model", models, {"long_name": "reduced model"}),
+        model=("model", models, {"units": "1", "long_name": "reduced model"}),
         rank=("rank", ranks, {"units": "1", "long_name": "modes of each coordinate"}),
     )
     table.attrs = {**next(iter(rows.values())).attrs, "title": TITLE}

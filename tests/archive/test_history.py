@@ -134,7 +134,7 @@ def test_long_parameters_are_cut_where_people_read_them_but_not_in_the_record(tm
 def test_describe_shows_the_values_of_a_scene_before_it_is_written():
     text = describe(make_scene())
     assert "  gravity = 9.81 [m s-2]  acceleration of gravity\n" in text
-    assert "  motion_upper_x_kind = 'one_minus_cosine' [1]" in text
+    assert "  motion_upper_x_kind = 'one_minus_cosine'  kind of" in text
     assert describe(xr.Dataset()).endswith("history")
 
 

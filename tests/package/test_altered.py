@@ -9,7 +9,7 @@ import xarray as xr
 from altered import ALTERATIONS, SLOW, VARIANTS, Attempt, altered, attempts, contents, each, fault, run
 from odd_options import SIMULATE, calls
 from odd_options import fault as fault_of_options
-from public_calls import CALLS, datasets
+from public_calls import CALLS, datasets, function_of
 
 mpl.use("Agg")
 
@@ -165,6 +165,37 @@ def test_units_of_every_result_are_known(spatial):
             for name, own in units.items()
             if own not in (known.get(name), "1") and name not in of_scene | own_units
         } == {}
+
+
+#: Functions whose results are not among the Datasets of all stages.
+OTHERS = (
+    "cable.rest", "cable.summary", "ensemble.batches", "ensemble.run", "galerkin.simulate", "mast.rest", "mast.summary",
+    "pod.at_times", "pod.reconstruct", "rigid.simulate", "study.design", "summary",
+)  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("part", ["planar", "spatial", *OTHERS])
+def test_every_variable_has_units_and_a_long_name(part):
+    """Texts have the units "1"."""
+    if part in OTHERS:
+        stages, options = CALLS[part]
+        result = function_of(part)(*(datasets()[stage] for stage in stages), **options)
+        found = {part: next(result) if part == "ensemble.batches" else result}
+    else:
+        found = datasets(part == "spatial")
+    lacking = {
+        f"{stage}: {name}": attribute
+        for stage, dataset in found.items()
+        for name, variable in dataset.variables.items()
+        for attribute in ("units", "long_name")
+        if not variable.attrs.get(attribute)
+    }
+    assert lacking == {}
+    of_texts = {
+        v.attrs["units"] for dataset in found.values() for v in dataset.variables.values() if v.dtype.kind in "UO"
+    }
+    assert of_texts <= {"1"}
 
 
 def test_what_altered_calls_found_is_refused():
