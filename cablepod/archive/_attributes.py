@@ -65,7 +65,7 @@ def _read_once(dataset: xr.Dataset) -> tuple[Contents, dict[str, BlockSums]]:
 
 def _slabs(variable: xr.Variable) -> Iterator[np.ndarray]:
     """Yield the values in order, for a lazy variable chunk by chunk along its first dimension."""
-    if variable.chunks is None or variable.dtype.kind in "UO":
+    if not variable.chunks or variable.dtype.kind in "UO":  # a scalar has no chunks
         yield variable.values
         return
     stops = np.cumsum(variable.chunks[0])

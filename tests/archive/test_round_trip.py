@@ -119,6 +119,8 @@ def test_a_lazy_read_gives_the_same_values_in_chunks(tmp_path):
         assert lazy["motion_upper_x_kind"].dtype == dataset["motion_upper_x_kind"].dtype
         xr.testing.assert_identical(lazy.compute(), read(path))
         # its way back to a file, which needs no more memory than a chunk
+        first = write(lazy.isel(member=0, time=0, particle=0, coordinate=0), tmp_path / "first.nc")  # has lazy scalars
+        assert float(read(first).position) == float(dataset.position[0, 0, 0, 0])
         again = write(lazy, tmp_path / "again.nc")
     assert not is_open(path)
     xr.testing.assert_identical(read(again), read(path))
