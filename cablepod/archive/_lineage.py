@@ -133,6 +133,8 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
         return [*_ensemble(name, inputs, parameters), _check(stage, name), ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
+    elif function == provenance.CHANGED and "labels" in parameters:
+        return _selection(stage, name, inputs[0])
     elif function == provenance.CHANGED:
         values, lacks = _text(parameters.get("values", {})), _text(parameters.get("lacks", []))
         call = f"cablepod.lineage.changed({inputs[0]}, values={values}, lacks={lacks})"
@@ -163,16 +165,35 @@ def _obstacle(stage: Mapping[str, Any], names: Mapping[str, str]) -> str:
         return f"it was made outside the package: {_extent(parameters)}"
     if function == provenance.CHANGED:
         is_cut = not parameters["differs"] and "attributes" not in parameters
-        if "values" in parameters or is_cut:
+        if "values" in parameters or "labels" in parameters or is_cut:
             return ""
-        what = [*parameters["differs"], *(["attributes"] if "attributes" in parameters else [])]
-        return f"values were changed outside the package: {', '.join(map(str, what))}; {_extent(parameters)}"
+        return _change(parameters)
     digested = list(_digests(parameters))
     if digested:
         return f"only a digest is kept of {', '.join(digested)}"
     if function.startswith("study.") and _callable(function) is None:
         return "it is a table of a study, with measured run times; try: run the study again"
     return "" if callable(_callable(function)) else "that is no function of the package to call by itself"
+
+
+def _change(parameters: Mapping[str, Any]) -> str:
+    """Return what was changed outside the package."""
+    what = [*parameters["differs"], *(["attributes"] if "attributes" in parameters else [])]
+    return f"values were changed outside the package: {', '.join(map(str, what))}; {_extent(parameters)}"
+
+
+def _selection(stage: Mapping[str, Any], name: str, parent: str) -> list[str]:
+    """Return the statements that select a part of a result, and stop where more was changed."""
+    parameters = stage["parameters"]
+    labels, lacks = _text(parameters["labels"]), _text(parameters.get("lacks", []))
+    text = f"{stage['function']}, {stage['id']}: cannot be made again, {_change(parameters)}"
+    return [
+        "try:",
+        f"    {name} = cablepod.lineage.selected({parent}, {labels}, lacks={lacks}, values={_values(stage)})",
+        "except cp.SceneError as error:",
+        f"    raise SystemExit({text!r}) from error",
+        "",
+    ]
 
 
 def _extent(parameters: Mapping[str, Any]) -> str:
@@ -188,8 +209,13 @@ def _check(stage: Mapping[str, Any], name: str) -> str:
     of_files = stage["function"] == "ensemble.run" and "number" not in stage["parameters"]
     if of_files or "content" not in stage:
         return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{}})"
+    return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={_values(stage)})"
+
+
+def _values(stage: Mapping[str, Any]) -> str:
+    """Return the record of the variables of a stage as Python text."""
     values = ",\n".join(f"    {key!r}: {entry!r}" for key, entry in stage["content"]["variables"].items())
-    return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{\n{values}\n}})"
+    return f"{{\n{values}\n}}"
 
 
 def _quoted(text: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.errors import SceneError, warn
+from cablepod.errors import SceneError, scene_error, warn
 
 #: Largest difference of a value that counts as rounding, as a fraction of the largest absolute value of variables of its unit.
 ROUNDING = 1e-9
@@ -164,3 +164,39 @@ def changed(scene: xr.Dataset, *, values: Mapping[str, Any], lacks: list[str]) -
         else:
             variables[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
     return scene.drop_vars([*lacks, *(name for name in variables if name in scene.variables)]).assign(variables)
+
+
+def selected(
+    dataset: xr.Dataset, labels: Mapping[str, Any], *, lacks: list[str], values: Mapping[str, Any]
+) -> xr.Dataset:
+    """Select labels that a history recorded of a changed dataset.
+
+    Parameters
+    ----------
+    dataset
+        The dataset before the change.
+    labels
+        Dimension -> its labels after the change, or the one of which it is.  Other names, such as of coordinates along it, are
+        left out.
+    lacks
+        Names of the variables that were left out.
+    values
+        As of :func:`check`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The part of the dataset.
+
+    Raises
+    ------
+    SceneError
+        If there are no such labels, and as :func:`check`: the change was no selection.
+    """
+    try:
+        part = dataset.drop_vars(lacks)
+        part = part.sel({name: label for name, label in labels.items() if name in part.indexes}).compute()
+    except (KeyError, ValueError) as error:
+        raise scene_error("labels", dict(labels), f"labels of the result ({error})") from None
+    check(part, str(dataset.attrs.get("id")), values=values)
+    return part

@@ -50,7 +50,7 @@ class VariableContent:
         kind = variable.dtype.kind
         self.shape, self.is_text, self.is_real = variable.shape, not _has_bytes(variable.dtype), kind == "f"
         self.dtype = variable.dtype if self.is_text else variable.dtype.newbyteorder("<")
-        has_attrs = variable.attrs and not self.is_text  # texts have no units
+        has_attrs = variable.attrs and not self.is_text  # the units of all texts are 1
         attrs = _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) if has_attrs else {}
         kind = "text" if self.is_text else self.dtype.str
         head = [[*map(str, variable.dims)], [*variable.shape], kind, attrs]

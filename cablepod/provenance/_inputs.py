@@ -177,6 +177,8 @@ def _changed(
             parameters["values"] = values
     elif found.attributes != recorded["attributes"]:
         parameters["attributes"] = "differ"
+    elif not found.chunked and (labels := _labels(dataset, changed, recorded)):
+        parameters["labels"] = labels
     return _with_stage(
         dataset, CHANGED, parameters, [str(attrs["id"])], attrs.get("history_json", "[]"), found, contents
     )
@@ -227,6 +229,17 @@ def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
     """Return the values of short variables, from which they can be made again."""
     variables = _by_text(dataset)
     return {name: _with_dims(variables[name]) for name in names if variables[name].size <= MAX_HISTORY_ITEMS}
+
+
+def _labels(dataset: xr.Dataset, names: Any, recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the labels of dimensions that are others than recorded, by which a part may have been selected."""
+    variables = _by_text(dataset)
+    labels = {
+        name: to_json(np.asarray(variables[name].values))
+        for name in names
+        if variables[name].dims in ((name,), ()) and len(recorded["variables"].get(name, ("", ()))[1]) == 1
+    }
+    return {name: values for name, values in labels.items() if not (isinstance(values, dict) and "sha256" in values)}
 
 
 def _by_text(dataset: xr.Dataset) -> dict[str, xr.Variable]:

@@ -59,6 +59,36 @@ def test_snapshots_picked_are_made_again(soft):
         cp.pod.at_times(run, times=[0.1, 0.25])
 
 
+#: Parts of results, from which a model or a decomposition goes on.
+PARTS = {
+    "modes": lambda scene, run: cp.condensed.simulate(
+        scene, cp.pod.decompose(run, rank=4, layout="normal").isel(mode=[0, 2]), times=[0.0, 1.0]
+    ),
+    "instants": lambda scene, run: cp.pod.decompose(run.sel(time=slice(1.0, None)), rank=1),
+    "member": lambda scene, run: cp.pod.decompose(
+        cp.chain.simulate(cp.ensemble.design(scene, {"gravity": [9.0, 9.9]}, members=3), step=1e-3).isel(member=1),
+        rank=1,
+    ),
+    "member of files": lambda scene, run: cp.extremes.peaks(
+        cp.ensemble.run(cp.ensemble.design(scene, {"gravity": [9.0, 9.9]}, members=3), "runs", step=1e-3)
+        .isel(member=1)[["tension_maximum"]]
+        .load(),
+        dim="link",
+    ),
+    "instants, less": lambda scene, run: cp.pod.decompose(run.isel(time=[3, 9, 11]).drop_vars("tension"), rank=1),
+}
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # two modes of few
+@pytest.mark.parametrize("part", PARTS)
+def test_parts_are_selected_again(soft, part, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scene = cp.make_scene(soft)
+    run = cp.chain.simulate(scene, times=np.arange(41) / 10, step=1e-3)
+    result = PARTS[part](scene, run)
+    xr.testing.assert_identical(again(result), result)
+
+
 def test_modes_of_several_runs_are_made_again(soft):
     runs = [cp.chain.simulate(cp.make_scene({**soft, "gravity": gravity}), step=1e-3) for gravity in (9.81, 9.0)]
     modes = cp.pod.decompose(runs, rank=2)
