@@ -65,7 +65,7 @@ def test_keys_of_one_word_are_lacking_in_members_with_another():
 def test_numbers_of_members_have_their_words(function):
     result = function(design(WINDY, {"wind.profile": ["uniform", "logarithmic"]}))
     assert result["wind_profile"].values.tolist() == ["uniform", "logarithmic"]
-    assert "units" not in result["wind_profile"].attrs
+    assert result["wind_profile"].attrs["units"] == "1"
 
 
 def test_keys_that_the_scene_lacks_are_made_with_the_defaults_of_their_table():

@@ -111,7 +111,7 @@ def test_cables_without_a_rest(soft):
     "changes",
     [
         {"chain.links": 10**12},
-        {"chain.links": 2**62},
+        {"chain.links": 2**53},
         {"chain.links": 10**12, "time": None},
         {"time.interval": 1e-9, "time.duration": 1e3},
         {"time.interval": 1e-8, "time.duration": 1e4, "chain": None},
