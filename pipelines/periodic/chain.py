@@ -271,7 +271,7 @@ def main_branch(solver: ChainSolver, frequency: tuple[float, float], points: int
         direction = -direction
     branch, events, before = Branch(1), [], []
 
-    def on_point(branch: Branch) -> bool:
+    def on_point(branch: Branch, _: bool) -> bool:
         last = branch.points[-1]
         before.append([solver.determinant(last.state, which, first) for _, which, first in DETERMINANTS])
         if len(before) == 1:

@@ -153,7 +153,7 @@ def traced(solver: Any, start: State, frequency: tuple[float, float]) -> Branch:
     branch = Branch(0)
     limits = Limits(frequency[0] / scale, frequency[1] / scale, TIMED_POINTS)
     turned = direction if direction[-1] > 0.0 else -direction
-    trace(solver, branch, state, turned, limits, lambda branch: True, stability=False)
+    trace(solver, branch, state, turned, limits, lambda branch, is_least: True, stability=False)
     return branch
 
 
