@@ -174,8 +174,9 @@ def test_elements_too_few_for_the_shape_at_rest_are_refused(solve):
         assert solve(scene).attrs["elements"] > 4
 
 
-@pytest.mark.parametrize("span", [0.5, 0.1])
-def test_a_cable_that_turns_sharply(span):
+# links err by 2e-5 in the first frequency (from 240 to 480), and by 1 % where the bend is sharper than they are long (to 960)
+@pytest.mark.parametrize(("span", "of_links"), [(0.5, 1e-4), (0.1, 1.5e-2)])
+def test_a_cable_that_turns_sharply(span, of_links):
     # the bend has a radius of some cm, and 128 elements, the most that are tried, are of 9 cm
     scene = scene_with(SAGGING, ends={"lower": [0.0, 0.0], "upper": [span, 10.0]})
     rest = cp.cable.rest(scene, law="linear", points=41)
@@ -183,6 +184,8 @@ def test_a_cable_that_turns_sharply(span):
     error = np.abs(rest.position - cp.catenary.rest(scene).position).max()
     # what is said of it is the largest distance at nodes and between them
     assert error <= rest.attrs["space_error_estimate"] * float(rest.unstretched_length) < 3e-2 * span
+    found = cp.cable.frequencies(scene, elements=128, law="linear", count=1).angular_frequency
+    np.testing.assert_allclose(found, chain_frequencies(scene, 480)[:1], rtol=of_links)
 
 
 @pytest.mark.parametrize(
