@@ -68,29 +68,27 @@ def _drive_of_part(terms: ErrorTerms, motion: Sequence[np.ndarray], rows: np.nda
             np.matmul(terms.slopes_of_motion[:, :, which], across, out=slopes[order, :, plane])
     along = rows[:, :, 1 : 1 + terms.force_patterns.shape[2]]
     force = terms.force_patterns @ np.swapaxes(along, 1, 2)
-    (slope, rate, second_rate), (stretch, compliance) = slopes, np.empty((2, *force.shape))
-    sums = np.empty((members, kernel.FLEXIBILITY + 1, samples))
+    slope, (stretch, compliance) = slopes[0], np.empty((2, *force.shape))
+    sums, largest = np.empty((members, kernel.FLEXIBILITY + 1, samples)), np.empty((members, samples))
     with np.errstate(all="ignore"):  # an error that is not finite counts as infinite
         kernel.close_samples(
             terms.sizes, terms.enriched, terms.weights, terms.flexibility, terms.green, terms.leading, terms.corrections,
             np.ascontiguousarray(rows), y, (slope * slope).sum(axis=1), force, stretch, compliance, sums,
         )  # fmt: skip
-        change, weights = sums[:, kernel.TENSION_CHANGE], terms.weights[:, :, None]
-        exact = force if terms.leading else force + change[:, None]
-        # at constant stretch of the cable zeta' zeta'_t = -w' w'_t and zeta' zeta'_tt = -(w' w'_tt + w'_t^2 + zeta'_t^2)
-        stretch_rate = (slope * rate).sum(axis=1) / stretch
-        squares = (slope * second_rate + rate * rate).sum(axis=1) + stretch_rate * stretch_rate
-        momentum = _chordwise_momentum(terms, -squares / stretch)
-        # the exact force on a slope, (N - inertia) / zeta', less N to leading order
-        on_slopes = ((weights * exact - momentum) / stretch - weights * force)[:, None] * slope
+        stretching, acceleration = compliance, np.empty_like(force)
+        kernel.accelerate_stretch(slopes, stretch, stretching, acceleration)
+        momentum = _chordwise_momentum(terms, acceleration)
+        change = sums[:, kernel.TENSION_CHANGE]
+        acting, of_force = slopes[1], np.zeros_like(change) if terms.leading else change
+        kernel.act_on_slopes(terms.weights, of_force, force, stretch, momentum, slope, acting, largest)
     enriched = slice(terms.enriched_in_plane), slice(terms.enriched_in_plane, size)
     for plane, which in zip(range(len(planes)), enriched, strict=False):
-        difference[:, :, which] -= np.swapaxes(on_slopes[:, plane], 1, 2) @ np.swapaxes(terms.slopes[:, which], 1, 2)
+        difference[:, :, which] -= np.swapaxes(acting[:, plane], 1, 2) @ np.swapaxes(terms.slopes[:, which], 1, 2)
     if not terms.leading:  # a motion with the exact closure has that tension in the difference
         difference += change[:, :, None] * terms.enriched.kappa[:, None] * y
     rows = rows.copy()
     rows[:, :, 0] += change / (terms.enriched.stiffness * terms.enriched.inverse_length)
-    return Drive(rows, y, difference, exact.max(axis=1))
+    return Drive(rows, y, difference, largest)
 
 
 def _chordwise_momentum(terms: ErrorTerms, rates: np.ndarray) -> np.ndarray:

@@ -83,6 +83,69 @@ def close_samples(
                         stretch[member, j, t] += compliance[member, j, t] * total[REACH, t]
 
 
+@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+def accelerate_stretch(slopes, stretch, stretching, acceleration):
+    """Fill zeta'_tt at the points by zeta' zeta'_t = -w' w'_t and zeta' zeta'_tt = -(w' w'_tt + w'_t^2 + zeta'_t^2).
+
+    The stretch of the cable counts as constant.
+
+    Parameters
+    ----------
+    slopes
+        Slopes w', their rates and accelerations (3, members, planes, m, samples).
+    stretch
+        zeta' (members, m, samples).
+    stretching, acceleration
+        Filled: -zeta'_t and zeta'_tt (members, m, samples) [1/s, 1/s^2].
+    """
+    for member in range(stretch.shape[0]):
+        for j in range(stretch.shape[1]):
+            for t in range(stretch.shape[2]):
+                stretching[member, j, t], acceleration[member, j, t] = 0.0, 0.0
+            for plane in range(slopes.shape[2]):
+                for t in range(stretch.shape[2]):
+                    slope, rate = slopes[0, member, plane, j, t], slopes[1, member, plane, j, t]
+                    stretching[member, j, t] += slope * rate
+                    acceleration[member, j, t] += slope * slopes[2, member, plane, j, t] + rate * rate
+            for t in range(stretch.shape[2]):
+                rate = stretching[member, j, t] / stretch[member, j, t]
+                stretching[member, j, t] = rate
+                acceleration[member, j, t] = -(acceleration[member, j, t] + rate * rate) / stretch[member, j, t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, counted=False)
+def act_on_slopes(weights, change, force, stretch, momentum, slopes, acting, largest):
+    """Fill the exact forces on the slopes, (N - inertia) / zeta' w', less N w' to leading order.
+
+    Parameters
+    ----------
+    weights
+        Of the points (members, m) [m].
+    change
+        That of H by the exact closure (members, samples) [N].
+    force, stretch
+        Chordwise force to leading order [N], and zeta' (members, m, samples).
+    momentum
+        Rate of the chordwise momentum above a point, times its weight (members, m, samples) [N m]; changed.
+    slopes
+        w' (members, planes, m, samples).
+    acting
+        Filled (members, planes, m, samples) [N m].
+    largest
+        Filled: largest exact force (members, samples) [N].
+    """
+    for member in range(force.shape[0]):
+        for j in range(force.shape[1]):
+            weight, own = weights[member, j], momentum[member, j]
+            for t in range(force.shape[2]):
+                exact = force[member, j, t] + change[member, t]
+                largest[member, t] = exact if j == 0 else max(largest[member, t], exact)
+                own[t] = (weight * exact - own[t]) / stretch[member, j, t] - weight * force[member, j, t]
+            for plane in range(slopes.shape[1]):
+                for t in range(force.shape[2]):
+                    acting[member, plane, j, t] = own[t] * slopes[member, plane, j, t]
+
+
 @compiled(fastmath=FAST_DIVISION, noalias=True, literal=False, counted=False)
 def _hold_by_springs(springs, part, inverse_mass, held, force, across):
     """Replace two vectors x (R,) by M (M + part sum_a s_a s_a^T)^-1 x, with the diagonal mass M.

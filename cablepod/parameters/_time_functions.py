@@ -59,8 +59,8 @@ def ramped(time: Array, ramp: Any, change: Sequence[Array] | Array) -> Array:
 def sines(coefficients: Sequence[complex], omega: float, start: int, count: int, steps_per_second: float) -> Array:
     """Return Im(c exp(i omega t)) for coefficients c at `count` steps from number `start` on, (coefficients, count).
 
-    Each exponential is that of a step in :data:`COMMON_STEPS` times that of the steps since, which repeat: a product in place of a
-    sine and a cosine takes a tenth of the time, and loses no more than its rounding.
+    Each exponential is that of a step in :data:`COMMON_STEPS` times that of the steps since, which repeat: a product in place of
+    a sine and a cosine takes a tenth of the time, and loses no more than its rounding.
     """
     angle = 1j * omega / steps_per_second
     since = np.exp(angle * np.arange(COMMON_STEPS))
