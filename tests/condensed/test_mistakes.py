@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from scenes import ORDERS, circling, full_modes, spatial
+from suite import slow
 
 import cablepod as cp
 
@@ -85,7 +86,8 @@ def test_a_chord_that_turns_into_its_first_normal_is_refused(soft, modes):
 
 @pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # modes that lack the sag
 @pytest.mark.filterwarnings("ignore::cablepod.errors.MemberFailedWarning")
-@pytest.mark.parametrize("step", [1e-3, None])
+# spatial lanes with steps that fit are compiled for this test alone
+@pytest.mark.parametrize("step", [1e-3, slow(None)])
 def test_modes_in_and_out_of_the_plane_are_not_exchanged(soft, step):
     """Within 11 degrees of the vertical the first normal is a level one: there modes of a slanted cable are for the other one."""
     scenes = cp.ensemble.design(cp.make_scene(spatial(soft)), {"ends.upper.x": [0.5, 5.0]}, members=2, sampling="grid")
