@@ -83,7 +83,7 @@ def checked_ranges(
     except SceneError as error:
         raise SceneError(f"{prefix}: given {', '.join(lacking)}, which make no scene: {error}") from None
     for path in checked:
-        _check_bounds(scene, join(prefix, path), path, checked, ranges, options)
+        _check_bounds(scene, prefix, path, checked, ranges, options)
     return scene, checked
 
 
@@ -149,27 +149,43 @@ def _paths_in(scene: xr.Dataset) -> Iterator[str]:
 
 
 def _check_bounds(
-    scene: xr.Dataset, key: str, path: str, checked: Mapping[str, list[Any]], ranges: Mapping[str, Any],
+    scene: xr.Dataset, prefix: str, path: str, checked: Mapping[str, list[Any]], ranges: Mapping[str, Any],
     options: Mapping[str, Any],
 ) -> None:  # fmt: skip
     """Check the scenes at the bounds of a range, or with each of its texts and lists; of a list of members, these members."""
-    values, target = checked[path], variable_of(scene, path)
+    key, values, target = join(prefix, path), checked[path], variable_of(scene, path)
     is_whole = target is not None and scene[target[0]].dtype.kind == "i"
     listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
     if is_whole and not (listed and all(value.is_integer() for value in values)):
         raise scene_error(key, ranges[path], 'a list of whole numbers, by sampling "list" or "grid"')
     for value in bounds_of(values):
-        with _at(key, values, value):
+        row = {path: value}
+        if options["sampling"] == "list":
+            row |= {other: given[values.index(value)] for other, given in checked.items()}
+        with _at_row(prefix, checked, row):
             if target is not None and target[1] is None:
                 target[2].check(path, int(value) if is_whole and value.is_integer() else value)
-            row = {path: value}
-            if options["sampling"] == "list":
-                row = {other: given[values.index(value)] for other, given in checked.items()}
             columns = {
                 name: [entry] if are_choices(checked[name]) else np.array([entry]) for name, entry in row.items()
             }
             varied = vary(scene, columns, ranges).isel(member=0, drop=True)
             check_scene(varied)
+
+
+@contextmanager
+def _at_row(prefix: str, checked: Mapping[str, list[Any]], row: Mapping[str, Any]) -> Iterator[None]:
+    """Say in the error of a scene which range makes it, by the key that the error names; all values of a member otherwise."""
+    try:
+        yield
+    except SceneError as error:
+        key = str(error).partition(":")[0].partition("[")[0]
+        named = [path for path in row if f"{path}.".startswith(f"{key}.")]
+        if not named and len(row) > 1:
+            together = ", ".join(f"{path} {shown_value(value)}" for path, value in row.items())
+            raise SceneError(f"{prefix}: given a member with {together}, which make no scene: {error}") from None
+        path = (named or [*row])[0]
+        with _at(join(prefix, path), checked[path], row[path]):
+            raise
 
 
 @contextmanager

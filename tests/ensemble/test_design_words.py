@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from histories import run_script
-from mast_scenes import small
+from mast_scenes import small, windy
 from scene_files import toml_of
 from wind_scenes import GUY, KAIMAL, WIND
 
@@ -142,6 +142,19 @@ def test_a_wind_without_direction_is_one_error():
     message = r"^ranges: given wind\.speed, which make no scene: wind\.direction: missing; allowed: direction into"
     with pytest.raises(cp.SceneError, match=message):
         design(SHORT, {"wind.speed": [10.0, 20.0]}, members=2)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "message"),
+    [
+        ({"ice.thickness": [0.0, 0.01]}, r"ranges: given a member with wind\.speed 12, ice\.thickness 0\.01, which .*mast\.dia"),
+        ({"guy.1.top_tension": [5e3, -1.0]}, r"ranges\.guy\.1\.top_tension: given .*, at -1 no scene: guy\.1\.top_tension: g"),
+        ({"wind.direction": [[1, 0, 0], [0, 1, 0]]}, r"ranges\.wind\.direction: given .*, at \[0\.0, 1\.0, 0\.0\] no scene: w"),
+    ],
+)  # fmt: skip
+def test_listed_members_are_refused_by_the_range_that_makes_no_scene_of_them(ranges, message):
+    with pytest.raises(cp.SceneError, match=f"^{message}"):
+        cp.ensemble.design(small(windy), {"wind.speed": [10.0, 12.0]} | ranges, members=2, sampling="list")
 
 
 @pytest.fixture(scope="module")

@@ -43,6 +43,7 @@ EXCEPTIONS = {
     ("SceneError", "{kind.instead[1]}"): "a text beside its kind, which has all fields",
     ("SceneError", "{key}: given {shown(values)}, at {shown_value(value)} no scene: {error}"): "ends with a refusal",
     ("SceneError", "{prefix}: given {', '.join(lacking)}, which make no scene: {error}"): "ends with a refusal",
+    ("SceneError", "{prefix}: given a member with {together}, which make no scene: {error}"): "ends with a refusal",
     ("SceneError", "{str(error).replace("): "the chain's message, said of the cable",
     ("ArchiveError", "{path}: {error}"): "the file's name before a message of its contents",
     ("ArchiveError", "{path}: {folder} {problem}"): "`problem` ends with what to do, see the line above it",
