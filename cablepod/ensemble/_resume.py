@@ -42,7 +42,7 @@ from cablepod.archive._seal import SCHEMA
 from cablepod.batch._stack import is_varied
 from cablepod.ensemble._job import LOCK
 from cablepod.ensemble._models import accepted_time_error
-from cablepod.errors import ArchiveError, shown
+from cablepod.errors import ArchiveError, SceneError, shown
 
 #: Minimum time between two writes of the manifest [s]; after a crash, later batches are found by their files.
 SAVE_INTERVAL = 1.0
@@ -130,6 +130,7 @@ def open_store(
     """Open the folder of an ensemble for writing, with its lock; create it if missing.
 
     Another ensemble there remains as it is until all members of this one are done, which are in a folder of their own until then.
+    A new ensemble that is refused in this context before a batch of it is done leaves nothing.
 
     Parameters
     ----------
@@ -153,20 +154,35 @@ def open_store(
         If the folder is not writable, in use, or holds another ensemble or damaged files.
     """
     folder = path_of(path).resolve()  # workers may have another working directory
+    made = not folder.exists()
     check_folder(folder, (), overwrite=overwrite, key="path")
     with _locked(folder) as token:
         _complete_replacement(folder)  # during which a run was killed
         if not _holds_another(folder, plan, overwrite=overwrite):
-            yield _opened(folder, token, plan, inputs, overwrite=overwrite)
+            with _cleared_if_refused(folder, made=made):
+                yield _opened(folder, token, plan, inputs, overwrite=overwrite)
             return
         new = folder / REPLACEMENT
         if not _has_manifest_of(new, plan):
             _remove(new)
         new.mkdir(exist_ok=True)
-        with _locked(new) as token:
+        with _locked(new) as token, _cleared_if_refused(new, made=True):
             yield _opened(new, token, plan, inputs, overwrite=overwrite)
         new.rename(folder / COMPLETE)
         _complete_replacement(folder)
+
+
+@contextlib.contextmanager
+def _cleared_if_refused(folder: Path, *, made: bool) -> Iterator[None]:
+    """Remove the files of a new ensemble, and its folder if it was `made` for it, on a refusal before a batch is done."""
+    is_new = not (folder / MANIFEST).exists()
+    try:
+        yield
+    except SceneError:
+        if is_new and not list(folder.glob("batch_*.nc")):
+            for path in [folder] if made else [folder / MANIFEST, *_files_of_ensemble(folder)]:
+                _remove(path)
+        raise
 
 
 def _opened(

@@ -246,19 +246,24 @@ def test_a_folder_of_the_same_name_elsewhere_is_not_that_of_the_run(copied, tmp_
     assert done.batch.attrs["id"] == kept.attrs["id"]
 
 
-def test_a_scheduler_that_cannot_be_reached(scenes_of, tmp_path, monkeypatch):
+def test_a_scheduler_that_cannot_be_reached_leaves_nothing(scenes_of, copied, tmp_path, monkeypatch):
     monkeypatch.setattr(_cluster, "CONNECT_TIMEOUT", 0.5)
     begin = time.monotonic()
     for address in ("tcp://127.0.0.1:9", "tcp://no.such.host.invalid:8786", "ftp://x"):
         with pytest.raises(
             cp.SceneError, match=rf"^scheduler: given '{address}'; allowed: an address at which a dask scheduler"
         ):
-            cp.ensemble.run(scenes_of(2), tmp_path / "it", step=1e-3, scheduler=address)
+            cp.ensemble.run(scenes_of(2), tmp_path / "new", step=1e-3, scheduler=address)
+        assert not (tmp_path / "new").exists()
+    before = sorted(copied.iterdir())  # another ensemble
+    with pytest.raises(cp.SceneError, match=r"^scheduler: given"):
+        cp.ensemble.run(scenes_of(2), copied, step=1e-3, scheduler="tcp://127.0.0.1:9", overwrite=True)
+    assert sorted(copied.iterdir()) == before
     with pytest.raises(ValueError, match="No client"):  # nothing is left that would take over what others compute
         distributed.default_client()
     assert time.monotonic() - begin < 30  # three times the limit, and what names take
     with pytest.raises(cp.SceneError, match=r"^workers: given 2; allowed: none with a scheduler of your own"):
-        cp.ensemble.run(scenes_of(2), tmp_path / "it", step=1e-3, scheduler="tcp://127.0.0.1:9", workers=2)
+        cp.ensemble.run(scenes_of(2), tmp_path / "new", step=1e-3, scheduler="tcp://127.0.0.1:9", workers=2)
 
 
 # --- processes ------------------------------------------------------------------------------------------------------------
