@@ -50,8 +50,13 @@ def check_bytes(needed: float, key: str, given: str) -> None:
     SceneError
         The message names the needed and the available memory.
     """
-    if needed > 0.5 * memory():
+    if not fits(needed):
         raise SceneError(f"{key}: given {given}; allowed: half of this machine's memory, {0.5 * memory() / 1e9:.3g} GB")
+
+
+def fits(needed: float) -> bool:
+    """Tell whether arrays of `needed` bytes take at most half of the memory."""
+    return needed <= 0.5 * memory()
 
 
 @cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import inspect
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
@@ -19,9 +20,17 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, Kind, taken
-from cablepod._resources import cores
+from cablepod._resources import cores, fits
 from cablepod.batch._pool import map_threads
-from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
+from cablepod.batch._stack import (
+    MEMBER_AND_TIMES,
+    MemberResults,
+    Variables,
+    arrays_of,
+    bytes_of_member,
+    check_members_fit,
+    labelled_like,
+)
 from cablepod.errors import (
     AllFailedError,
     MemberFailedWarning,
@@ -58,6 +67,8 @@ class BatchPlan(NamedTuple):
 #: Maximum number of members that a thread takes at once, one after the other or in groups of lanes: the work arrays of more
 #: members are so large that the allocator returns them to the system after each chunk, and their pages are cleared anew.
 CHUNK, CHUNK_OF_LANES = 16, 128
+#: Numbers at an instant which the result of a member rarely exceeds: if memory holds so many, there is no need to know more.
+NUMBERS_AT_AN_INSTANT = 4096
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
 _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 _INSIDE: ContextVar[bool] = ContextVar("inside", default=False)
@@ -272,6 +283,8 @@ def over_members_by(
                 check_common_times(scene, options.get("times"))
             check(scene)
             check_members_of_field(options.get("wind"), scene)
+            if has_times and _THREADS.get() is None:  # an ensemble has looked at all its batches
+                _check_memory(function, scene, args, options)
             given = {name: value for name, value in options.items() if name != "progress"}
             datasets = [value for value in (*args, *given.values()) if isinstance(value, xr.Dataset)]
             batch = plan(scene, *args, **given)
@@ -291,6 +304,30 @@ def over_members_by(
         return cast(F, wrapper)
 
     return decorator
+
+
+def _check_memory(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: Mapping[str, Any]) -> None:
+    """Refuse results that memory would not hold, by that of the first member at its start, before any member runs."""
+    count, instants = scene.sizes["member"], number_of_instants(scene, options.get("times"))
+    if fits(8.0 * count * instants * NUMBERS_AT_AN_INSTANT):
+        return
+    start = {name: value for name, value in options.items() if name != "window"} | {"times": [0.0]}
+    plan = _member_by_member(function, scene, args, start)
+    try:
+        with warnings.catch_warnings(), _set_within(_INSIDE, True):
+            warnings.simplefilter("ignore")
+            plan.run_member(0)
+    except (RunStopped, ValueError, ArithmeticError):
+        return  # of this member, or of the options: the run says so
+    check_members_fit(count * bytes_of_member(plan.first(), instants), MEMBER_AND_TIMES, f"{count} members")
+
+
+def number_of_instants(scene: xr.Dataset, times: Any) -> int:
+    """Return the number of output times of a scene, or of `times` that replace its own; 1 where it has none."""
+    if times is not None or "time_interval" not in scene or "time_duration" not in scene:
+        return 1 if times is None else np.size(times)
+    duration, interval = (float(scene[name].values.flat[0]) for name in ("time_duration", "time_interval"))
+    return count_instants(duration, interval) if interval > 0.0 and np.isfinite(duration) else 1
 
 
 def _member_by_member(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: Mapping[str, Any]) -> BatchPlan:

@@ -14,6 +14,8 @@ from cablepod._resources import check_bytes
 from cablepod.conventions import AIR_OF_EACH, attribute_labels, label
 from cablepod.errors import SceneError
 
+#: What to change where memory does not hold the results of all members.
+MEMBER_AND_TIMES = "member and times"
 #: Dimensions and values of a variable.
 Variables = dict[str, tuple[tuple[str, ...], Any]]
 
@@ -108,7 +110,7 @@ class MemberResults:
         """Allocate arrays for all members, shaped as the variables of one."""
         allocated = sum(values.nbytes for _, values in self.variables.values())
         needed = float(allocated + self.count * sum(np.asarray(values).nbytes for _, values in variables.values()))
-        check_bytes(needed, "member and times", f"{self.count} members, {needed / 1e9:.3g} GB of output")
+        check_members_fit(needed, MEMBER_AND_TIMES, f"{self.count} members")
         arrays: Variables = {}
         for name, (dims, values) in variables.items():
             first = np.asarray(values)
@@ -153,6 +155,23 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     }
     number = {"member": scene["member"].variable} if "member" in scene.coords else {}
     return joined.assign_coords({**varied, **number})
+
+
+def bytes_of_member(start: xr.Dataset, instants: int) -> float:
+    """Return the size of the result of a member at so many instants [bytes], by its result at the start alone."""
+    longer = instants / max(start.sizes.get("time", 1), 1)  # a model of one's own may give all its instants
+    return float(sum(item.nbytes * (longer if "time" in item.dims else 1.0) for item in start.variables.values()))
+
+
+def check_members_fit(needed: float, key: str, given: str) -> None:
+    """Refuse results of members of so many bytes that memory would not hold them.
+
+    Raises
+    ------
+    SceneError
+        Names `key`, with the members that are `given`.
+    """
+    check_bytes(needed, key, f"{given}, {needed / 1e9:.3g} GB of output")
 
 
 def is_varied(variable: xr.Variable) -> bool:

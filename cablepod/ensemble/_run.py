@@ -21,16 +21,18 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import check_times, taken
 from cablepod._models import Model, model_of
-from cablepod._resources import defer_sigint
+from cablepod._resources import cores, defer_sigint
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, sizes_of, time_errors
 from cablepod.archive._open_ensemble import open_ensemble
+from cablepod.batch._members import number_of_instants
+from cablepod.batch._stack import bytes_of_member, check_members_fit
 from cablepod.ensemble import _resume as resume
 from cablepod.ensemble._cluster import Again
 from cablepod.ensemble._collect_warnings import Note, emit_of_all_members, emit_warnings
 from cablepod.ensemble._job import Done, compute_collecting, inputs_of, run_batch, write_batch
 from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
-from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, check_workers, worker_pool
+from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, check_workers, is_here, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, warn
 from cablepod.integrate._request import Request
 from cablepod.parameters._checks import integer
@@ -114,12 +116,13 @@ def run(
         once for each category.
     """
     check_workers(scheduler, workers)
-    plan, inputs = _prepare(scenes, model, modes, options, batch)
+    plan, inputs, of_member = _prepare(scenes, model, modes, options, batch)
     with defer_sigint(), resume.open_store(path, plan, inputs, overwrite=overwrite) as store:
         missing = store.missing()
         notes: list[Note] = []
         total = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(missing))
         if missing:
+            _check_memory(of_member, plan, len(missing), scheduler, workers)
             with worker_pool(scheduler, workers, len(missing)) as pool:
                 try:
                     with closing(_run_batches(pool, store, missing, total)) as results:
@@ -176,7 +179,8 @@ def batches(
         As :func:`run`, those of members behind the last batch.
     """
     check_workers(scheduler, workers)
-    plan, inputs = _prepare(scenes, model, modes, options, batch)
+    plan, inputs, of_member = _prepare(scenes, model, modes, options, batch)
+    _check_memory(of_member, plan, len(sizes_of(plan)), scheduler, workers)
     return _batches(plan, inputs, scheduler, workers, progress)
 
 
@@ -226,8 +230,8 @@ def _batches(
 
 def _prepare(
     scenes: Any, model: Any, modes: Any, options: dict[str, Any], batch: Any
-) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
-    """Check all arguments; return plan and inputs (file name -> Dataset)."""
+) -> tuple[dict[str, Any], dict[str, xr.Dataset], float]:
+    """Check all arguments; return plan, inputs (file name -> Dataset), and the size of the result of a member [bytes]."""
     scenes = taken("scenes", scenes, scene_kind(scenes))
     if "member" not in scenes.dims:
         raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
@@ -244,9 +248,10 @@ def _prepare(
         raise scene_error("scenes: member", names.tolist(), "different whole numbers, or none")
     scenes = with_own_id(scenes).assign_attrs(stage="scenes")
     modes = None if modes is None else with_own_id(modes)
-    _try_options(scenes, chosen, modes, resolved, {*options, "model", "modes", "layout", "times", "time"})
+    start = _try_options(scenes, chosen, modes, resolved, {*options, "model", "modes", "layout", "times", "time"})
+    of_member = 0.0 if start is None else bytes_of_member(start, number_of_instants(scenes, resolved.get("times")))
     inputs = {SCENES: scenes} | ({} if modes is None else {MODES: modes})
-    return resume.plan_of(scenes, chosen.key, modes, resolved, size), inputs
+    return resume.plan_of(scenes, chosen.key, modes, resolved, size), inputs, of_member
 
 
 def _check_shapes(scenes: xr.Dataset, model: Model, options: dict[str, Any]) -> None:
@@ -263,8 +268,8 @@ def _check_shapes(scenes: xr.Dataset, model: Model, options: dict[str, Any]) -> 
 
 def _try_options(
     scenes: xr.Dataset, model: Model, modes: xr.Dataset | None, options: dict[str, Any], names: set[str]
-) -> None:
-    """Refuse options that are invalid for all of a few members, by trial runs of zero duration."""
+) -> xr.Dataset | None:
+    """Refuse options that are invalid for all of a few members, by trial runs of zero duration; return the result of one."""
     modes_argument = () if modes is None else (modes,)
     if options.get("times") is not None:
         check_times(options["times"])
@@ -281,14 +286,20 @@ def _try_options(
                 request.instants(parameters(scene))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                model.simulate(scene, *modes_argument, **trial)
-            return
+                return model.simulate(scene, *modes_argument, **trial)
         except (ValueError, RunStopped, ArithmeticError) as error:
             errors.append(error)
             key = str(error).split(":")[0].replace(",", " ").split()
             if not names & set(key):
-                return  # the error is about this scene, not about the options
+                return None  # the error is about this scene, not about the options
     raise errors[0]
+
+
+def _check_memory(of_member: float, plan: Mapping[str, Any], batches: int, scheduler: Any, workers: int | None) -> None:
+    """Refuse `batches` of members of so many bytes if memory would not hold those that this machine computes at a time."""
+    if is_here(scheduler):  # others have their own memory
+        at_a_time, size = min(workers or cores(), batches), min(plan["batch"], plan["members"])
+        check_members_fit(at_a_time * size * of_member, "batch", f"{at_a_time} x {size} members at a time")
 
 
 # --- while it runs ------------------------------------------------------------------------------------------------------

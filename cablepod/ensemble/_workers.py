@@ -62,15 +62,18 @@ def check_workers(scheduler: Any, workers: Any) -> None:
     SceneError
         Names ``scheduler`` or ``workers``.
     """
-    is_text = isinstance(scheduler, str)
     is_client = hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info")
-    here = scheduler is None or (is_text and scheduler == "processes")
-    if not (here or is_client or (is_text and "://" in scheduler)):
+    if not (is_here(scheduler) or is_client or (isinstance(scheduler, str) and "://" in scheduler)):
         raise scene_error("scheduler", scheduler, ALLOWED)
     if workers is not None:
         integer(least=1, most=4096)("workers", workers)
-        if not here:
+        if not is_here(scheduler):
             raise scene_error("workers", workers, "none with a scheduler of your own, which has its own workers")
+
+
+def is_here(scheduler: Any) -> bool:
+    """Tell whether a scheduler means workers that this process starts on this machine."""
+    return scheduler is None or (isinstance(scheduler, str) and scheduler == "processes")
 
 
 @contextlib.contextmanager

@@ -8,7 +8,8 @@ import xarray as xr
 from scenes import full_modes
 
 import cablepod as cp
-from cablepod import errors
+from cablepod import _resources, errors
+from cablepod.batch._members import over_members
 from cablepod.errors import OutOfRangeWarning
 
 
@@ -48,6 +49,25 @@ def test_failing_members_stop_nobody_else(soft):
     np.testing.assert_array_equal(run.position[[0, 2]], alone.position)
     with pytest.raises(cp.SceneError, match=r"cable\.top_tension: given 1\.0"):
         cp.chain.simulate(joined(soft, cable_top_tension=[1.0, 2.0]), step=1e-3)
+
+
+def test_members_beyond_memory_are_refused_before_one_of_them_runs(soft, monkeypatch):
+    instants = []
+
+    @over_members
+    def simulate(scene, *, times=None):
+        instants.append(np.size(times))
+        return cp.chain.simulate(scene, times=times, step=1e-3)
+
+    scenes, times = joined(soft, cable_top_tension=np.linspace(200.0, 240.0, 12)), np.linspace(0.0, 0.1, 101)
+    size = cp.chain.simulate(scenes.isel(member=0, drop=True), times=times, step=1e-3).nbytes
+    monkeypatch.setattr(_resources, "memory", lambda: 2 * 10 * size)  # a run of one member needs 8
+    with pytest.raises(
+        cp.SceneError, match=r"^member and times: given 12 members, .*; allowed: half of this machine's"
+    ):
+        simulate(scenes, times=times)
+    assert instants == [1]
+    simulate(scenes.isel(member=slice(8)), times=times)  # these fit
 
 
 def test_a_failing_member_may_be_one_whose_ends_start_fastest(soft):

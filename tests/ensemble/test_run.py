@@ -11,7 +11,7 @@ import xarray as xr
 from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
-from cablepod import provenance
+from cablepod import _resources, provenance
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -218,6 +218,19 @@ def test_options_are_checked_before_anything_runs(finished, scenes_of, tmp_path,
         with pytest.raises(cp.SceneError, match=match):
             run()
     assert not (tmp_path / "it").exists()
+
+
+def test_batches_beyond_memory_are_refused_as_they_run_at_a_time(scenes_of, tmp_path, monkeypatch):
+    scenes, options = scenes_of(12), {"step": 1e-3, "times": np.linspace(0.0, 0.1, 101)}
+    size = cp.chain.simulate(scenes.isel(member=0), outputs=("position", "tension_extremes"), **options).nbytes
+    monkeypatch.setattr(_resources, "memory", lambda: 2 * 10 * size)  # a run of one member needs 8
+    for batch, workers, given in ((12, 2, "1 x 12"), (6, 2, "2 x 6")):
+        with pytest.raises(cp.SceneError, match=f"^batch: given {given} members at a time, .*; allowed: half of this"):
+            cp.ensemble.run(scenes, tmp_path / "it", batch=batch, workers=workers, **options)
+        with pytest.raises(cp.SceneError, match=f"^batch: given {given} members at a time"):
+            cp.ensemble.batches(scenes, batch=batch, workers=workers, **options)
+    assert not (tmp_path / "it").exists()
+    cp.ensemble.run(scenes, tmp_path / "it", batch=6, workers=1, **options)
 
 
 def test_scenes_that_give_no_single_array_are_refused(scenes_of, soft, tmp_path):
