@@ -160,13 +160,16 @@ def entry_of(batch: xr.Dataset) -> dict[str, Any]:
         elif variable.dtype.kind in "fiu":
             layout["variables"][str(name)] = [list(variable.dims), [*variable.shape[1:]], variable.dtype.str]
     numbers, reasons = batch["member"].values.tolist(), batch["failure"].values.tolist()
+    texts = {
+        str(name): value
+        for name, value in batch.attrs.items()
+        if isinstance(value, str) and name not in BATCH_ATTRIBUTES
+    }
+    if "scheme" in batch:  # the schemes of the members differ
+        texts["scheme"] = batch["scheme"].values.tolist()
     return {
         "layout": layout,
-        "texts": {
-            str(name): value
-            for name, value in batch.attrs.items()
-            if isinstance(value, str) and name not in BATCH_ATTRIBUTES
-        },
+        "texts": texts,
         "failed": {str(number): reason for number, reason in zip(numbers, reasons, strict=True) if reason},
         "not_converged": time_errors(batch, batch.attrs.get("accepted_time_error", math.inf)),
         **{key: _largest(batch, names) for key, (names, _) in PEAKS.items() if set(names) & set(batch.variables)},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,6 +32,7 @@ from cablepod.archive._manifest import (
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, read, restored
 from cablepod.archive._seal import seal_of
 from cablepod.batch._stack import is_varied
+from cablepod.conventions import attribute_labels
 from cablepod.errors import ArchiveError
 
 #: Maximum bytes of a dask chunk; longer batches are split along time.
@@ -193,12 +195,11 @@ class _EnsembleAssembler:
                 target = coords if name in template.coords else variables
                 target[str(name)] = self._variable(str(name), variable)
             attrs |= {name: value for name, value in template.attrs.items() if name.startswith("time_coverage")}
-        texts = [entry["texts"] for entry in self.entries.values()]
-        for name, value in max(
-            texts, key=len
-        ).items():  # such as model, law and scheme; a batch of failed members has none
-            if all(batch.get(name, value) == value for batch in texts):
-                attrs.setdefault(name, value)
+        for name, texts in self._texts().items():  # such as model, law and scheme
+            if texts.count(texts[0]) == len(texts) and isinstance(texts[0], str):
+                attrs.setdefault(name, texts[0])
+            elif name == "scheme":
+                variables[name] = self._schemes()
         return self._recorded(xr.Dataset(variables, coords, attrs))
 
     def _recorded(self, dataset: xr.Dataset) -> xr.Dataset:
@@ -224,6 +225,22 @@ class _EnsembleAssembler:
         for number, _ in sorted(seen.values(), key=lambda pair: (-len(pair[1]["layout"]["variables"]), pair[0])):
             with opened_file(self.folder / file_of(number), verify=self.verify) as opened:
                 yield restored(opened)
+
+    def _texts(self) -> dict[str, list[Any]]:
+        """Return the texts of all batches by name, lists of those of the members in some; of batches with all failed none."""
+        ran = [
+            entry["texts"]
+            for entry, size in zip(self.entries.values(), self.sizes, strict=True)
+            if len(entry["failed"]) < size
+        ]
+        return {name: [batch.get(name) for batch in ran] for name in dict.fromkeys(itertools.chain(*ran))}
+
+    def _schemes(self) -> xr.Variable:
+        """Return the schemes of the members (member), empty for failed ones."""
+        given = [entry["texts"].get("scheme", "") for entry in self.entries.values()]
+        rows = [[own] * size if isinstance(own, str) else own for own, size in zip(given, self.sizes, strict=True)]
+        schemes = np.where(self._failures().values == "", np.array(list(itertools.chain(*rows)), dtype=str), "")
+        return xr.Variable("member", schemes, attribute_labels("scheme"))
 
     def _failures(self) -> xr.Variable:
         """Return the reasons of failed members (member), empty for others."""

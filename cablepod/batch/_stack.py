@@ -121,13 +121,18 @@ class MemberResults:
     def fill_failed(self, i: int) -> None:
         """Fill the row of a failed member with nan, zero or empty text."""
         for _, values in self.variables.values():
-            values[i] = np.nan if values.dtype.kind == "f" else "" if values.dtype.kind == "O" else 0
+            values[i] = blank(values.dtype)
+
+
+def blank(dtype: np.dtype) -> Any:
+    """Return what a failed member holds in an array: nan, an empty text, or zero."""
+    return np.nan if dtype.kind == "f" else "" if dtype.kind in "OU" else 0
 
 
 def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Dataset:
     """Make a Dataset of all members, with the varied parameters of the scene as coordinates along ``member``.
 
-    Numeric attributes that differ between members become variables; `coords` are shared by all members.
+    Numeric attributes that differ between members become variables, and so does the scheme; `coords` are shared by all members.
     """
     variables, attrs, first = dict(stack.variables), {}, stack.attributes()
     successful = [i for i, error in enumerate(stack.failures) if error is None] if any(stack.failures) else None
@@ -139,6 +144,8 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
         elif all(issubclass(kind, int | float | np.number | NoneType) for kind in set(map(type, present))):
             numbers = np.array([np.nan if value is None else float(value) for value in values])
             variables[name] = (("member",), numbers)
+        elif name == "scheme":
+            variables[name] = (("member",), np.array([value or "" for value in values], dtype=object))
         elif name in ("title", "id", "history_json"):
             attrs[name] = first[name]
         elif name == "air":

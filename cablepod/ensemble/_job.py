@@ -28,7 +28,7 @@ from cablepod.archive._manifest import (
 )
 from cablepod.archive._write import check_target
 from cablepod.batch._members import stop_when, thread_limit
-from cablepod.batch._stack import is_varied
+from cablepod.batch._stack import blank, is_varied
 from cablepod.conventions import attribute_labels
 from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
@@ -151,10 +151,10 @@ def _failure_reason(
 
 
 def _pad(variable: xr.Variable, skipped: int) -> xr.Variable:
-    """Return a variable with rows of nan for the `skipped` leading members."""
-    if not skipped or "member" not in variable.dims or variable.dtype.kind != "f":
+    """Return a variable with rows for the `skipped` leading members, which failed."""
+    if not skipped or "member" not in variable.dims:
         return variable
-    padding = np.full((skipped, *variable.shape[1:]), np.nan)
+    padding = np.full((skipped, *variable.shape[1:]), blank(variable.dtype), variable.dtype)
     return xr.Variable(variable.dims, np.concatenate([padding, variable.values]), variable.attrs)
 
 

@@ -38,6 +38,20 @@ def test_what_differs_between_members_is_not_an_attribute(soft):
     assert "arc_length" in run.coords
 
 
+def test_schemes_that_differ_are_told_by_member(soft, tmp_path):
+    @over_members
+    def simulate(scene):
+        stiff = float(scene["cable_top_tension"]) > 220.0
+        return cp.chain.simulate(scene, step=1e-3, scheme="trapezoidal" if stiff else "velocity_verlet")
+
+    with pytest.warns(errors.MemberFailedWarning):
+        run = simulate(joined(soft, cable_top_tension=[200.0, 240.0, 1.0]))
+    assert run["scheme"].values.tolist() == ["velocity_verlet", "trapezoidal", ""]
+    assert "scheme" not in run.attrs
+    cp.archive.write(run, tmp_path / "run.nc")
+    xr.testing.assert_equal(cp.archive.read(tmp_path / "run.nc")["scheme"], run["scheme"].astype(str))
+
+
 def test_failing_members_stop_nobody_else(soft):
     tensions = np.array([200.0, 1.0, 240.0])  # no cable of this weight hangs with 1 N
     with pytest.warns(errors.MemberFailedWarning, match=r"1 of 3 members .* member 1: cable\.top_tension: given 1\.0"):

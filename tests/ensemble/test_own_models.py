@@ -25,6 +25,14 @@ def straight(scene, modes=None, *, rank=1, times=None, factor=1.0, progress=None
     return cp.snapshots(xr.DataArray(line, at.position.coords, at.position.dims), scene=scene)
 
 
+def of_two_schemes(scene, modes=None, *, times=None, progress=None):
+    """A chain whose scheme follows from its tension."""
+    if (tension := float(scene.cable_top_tension)) > 17e3:
+        raise cp.RunStopped("too taut")
+    scheme = "trapezoidal" if tension > 14e3 else "velocity_verlet"
+    return cp.chain.simulate(scene, links=LINKS, scheme=scheme, step=5e-4, times=times)
+
+
 def no_dataset(scene, modes=None, *, rank=1, times=None, progress=None):
     return 3
 
@@ -61,6 +69,18 @@ def test_members_are_what_the_function_gives(scene, tmp_path):
         by_name = cp.ensemble.run(scenes, tmp_path / "it", model=f"{__name__}:straight", factor=1.1, batch=2)
     assert by_name.attrs["id"] == runs.attrs["id"]
     assert [path.stat().st_mtime_ns for path in sorted((tmp_path / "it").glob("batch_*"))] == written
+
+
+@pytest.mark.parametrize("batch", [1, 2, 3, 6])
+def test_schemes_that_differ_are_told_by_member(scene, tmp_path, batch):
+    tensions = [18e3, 12e3, 13e3, 15e3, 12e3, 18e3]
+    scenes = cp.ensemble.design(scene, {"cable.top_tension": tensions}, members=6, sampling="list")
+    with pytest.warns(cp.MemberFailedWarning):
+        runs = cp.ensemble.run(scenes, tmp_path / "it", model=of_two_schemes, batch=batch, times=[0.0, 0.5])
+    explicit, implicit = "velocity_verlet", "trapezoidal"
+    assert runs["scheme"].values.tolist() == ["", explicit, explicit, implicit, explicit, ""]
+    assert "scheme" not in runs.attrs
+    assert runs.attrs["law"] == "linear"
 
 
 def test_a_study_compares_it(scene):
