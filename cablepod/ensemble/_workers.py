@@ -16,7 +16,7 @@ from typing import Any
 
 from cablepod._resources import LOOK_EVERY, block_sigint, check_sigint, cores, defer_sigint
 from cablepod.ensemble._cluster import CONNECT_TIMEOUT, Again, DaskPool, client_pool, connected
-from cablepod.errors import scene_error
+from cablepod.errors import scene_error, shown
 from cablepod.parameters._checks import integer
 
 ALLOWED = (
@@ -120,7 +120,13 @@ def _threads(count: int, batches: int) -> Iterator[ThreadPool]:
 
 @contextlib.contextmanager
 def _processes(count: int) -> Iterator[DaskPool]:
-    """Provide processes of this machine."""
+    """Provide processes of this machine.
+
+    Raises
+    ------
+    SceneError
+        If they do not start, as where a script is read again by each of them.
+    """
     from multiprocessing import resource_tracker
 
     from distributed import Client, LocalCluster
@@ -129,9 +135,15 @@ def _processes(count: int) -> Iterator[DaskPool]:
     with contextlib.ExitStack() as contexts:
         with block_sigint():  # workers end with this process, or are told to
             # one thread each, also for BLAS: dask starts the workers with OMP_NUM_THREADS=1
-            cluster = LocalCluster(
-                n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-            )
+            try:
+                cluster = LocalCluster(
+                    n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+                )
+            except RuntimeError as error:
+                allowed = (
+                    f'processes that start ({shown(str(error))}); a script needs if __name__ == "__main__": for them'
+                )
+                raise scene_error("scheduler", "processes", allowed) from None
             client = Client(contexts.enter_context(cluster), timeout=CONNECT_TIMEOUT, set_as_default=False)
         yield contexts.enter_context(client_pool(contexts.enter_context(client), "processes"))
 

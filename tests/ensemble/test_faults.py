@@ -157,6 +157,18 @@ def test_processes_of_this_machine_give_the_same_bits(soft, tmp_path):
     xr.testing.assert_equal(here.compute(), there.compute())
 
 
+@pytest.mark.slow
+def test_a_script_that_each_process_reads_again_is_told_what_it_lacks(tmp_path):
+    script = tmp_path / "study.py"
+    script.write_text(RUN.replace('if __name__ == "__main__":', "if True:"))
+    options = json.dumps({"scheduler": "processes", "workers": 2})
+    ended = run_python(script, tmp_path / "it", 1e-3, options, timeout=120)
+    last = ended.stderr.strip().splitlines()[-1]
+    assert "SceneError: scheduler: given 'processes'; allowed: processes that start" in last
+    assert last.endswith('; a script needs if __name__ == "__main__": for them')
+    assert not (tmp_path / "it").exists()
+
+
 FULL = """
 import resource, signal, sys
 import cablepod as cp
