@@ -36,6 +36,7 @@ def strands() -> dict[str, dict[str, float]]:
             "youngs_modulus": row["youngs_modulus"],
             "area": row["area"],
             "density": row["mass_per_length"] / row["area"],
+            "diameter": row["diameter"],
             "breaking_strength": row["breaking_strength"],
         }
         for name, row in rows.items()

@@ -75,6 +75,7 @@ def test_given_keys_stay():
     assert {key: float(scene[f"cable_{key}"]) for key in given} == given
     assert "cable_density" not in scene
     assert float(scene.cable_area) == float(rows()["EHS 1/2 in"]["area_m2"])
+    assert float(scene.cable_diameter) == 0.5 * INCH
     assert str(scene.cable_strand.values) == "EHS 1/2 in"
 
 
