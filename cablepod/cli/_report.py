@@ -109,11 +109,14 @@ def _statistics(ends: xr.Dataset) -> dict[str, Any]:
 def _peak(study: xr.DataTree, kind: str) -> dict[str, Any]:
     """Return the largest or the smallest tension of the chain, with instant, place and error.
 
-    The error by the length of the links, of second order, is a third of the change from half the links.
+    The error by the length of the links, of second order, is a third of the change from half the links: of the largest or the
+    smallest tension, whichever changes more, as the change of one alone may be small by chance.
     """
     chain = study["chain"].to_dataset()
-    value = _extreme(chain, kind)
-    error = abs(value - _extreme(study["chain_half"].to_dataset(), kind)) / 3.0 if "chain_half" in study else None
+    value, error = _extreme(chain, kind), None
+    if "chain_half" in study:
+        half = study["chain_half"].to_dataset()
+        error = max(abs(_extreme(chain, each) - _extreme(half, each)) for each in ("minimum", "maximum")) / 3.0
     time, place = (float(chain[f"tension_{kind}_{of}"]) for of in ("time", "arc_length"))
     return {"value": value, "time": time, "arc_length": place, "error": error}
 
