@@ -18,6 +18,7 @@ from cablepod.parameters._given import both_ends, check_start, cross_section
 from cablepod.parameters._ice import iced
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import (
+    DRAG_COEFFICIENT,
     FUNCTION_KEYS,
     INITIAL,
     LENGTH_KEYS,
@@ -273,7 +274,7 @@ def _section(
         "weight_key": found.weight_key,
         "breaking_strength": number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
         "diameter": number(cable["diameter"]) if "diameter" in cable else None,
-        "drag_coefficient": number(cable.get("drag_coefficient", 1.2)),
+        "drag_coefficient": number(cable.get("drag_coefficient", DRAG_COEFFICIENT)),
     }
 
 

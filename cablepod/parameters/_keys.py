@@ -66,6 +66,8 @@ def _force(long_name: str) -> Key:
 #: Maximum diameter of a cable [m], above the main cables of suspension bridges (1.3), and thickness of ice [m], above the rime on
 #: masts in mountains; and a unit in which both are given by mistake: factor and name.
 MAX_DIAMETER, MAX_ICE, MM = 3.0, 2.0, (1e-3, "mm")
+#: Drag coefficient of a cable whose scene gives none: a round cylinder below its critical Reynolds number.
+DRAG_COEFFICIENT = 1.2
 #: Temperatures [degC], and coefficients of thermal expansion [1/K]: polyethylene 2e-4, aramid -2e-6.
 _TEMPERATURE = number(least=-273.15, most=1000.0)
 EXPANSION = Key(number(least=-5e-4, most=5e-4), "K-1", "coefficient of thermal expansion")
@@ -96,7 +98,7 @@ CABLE = {
     "diameter": Key(
         number(above=0.0, most=MAX_DIAMETER, mistaken=MM), "m", "diameter of the cable, on which the wind acts"
     ),
-    "drag_coefficient": Key(number(least=0.0), "1", "drag coefficient of the cable, 1.2 by default"),
+    "drag_coefficient": Key(number(least=0.0), "1", f"drag coefficient of the cable, {DRAG_COEFFICIENT:g} by default"),
 }
 #: Quantities from which the kernels of the catenary find the length, in their order.
 CATENARY_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")

@@ -13,6 +13,7 @@ import numpy as np
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import motion_path
+from cablepod.parameters._keys import DRAG_COEFFICIENT
 from cablepod.parameters._time_functions import TimeFunction
 
 
@@ -170,7 +171,7 @@ class Parameters:
     damping_ratios: tuple[float, ...] | None = None
     has_list_of_ratios: bool = False  #: whether these are a list in the scene, not one number
     diameter: Any = None  #: of the cable with its ice [m]; None without
-    drag_coefficient: Any = 1.2
+    drag_coefficient: Any = DRAG_COEFFICIENT
     wind: Mapping[str, Any] | None = None  #: values of the table [wind]; None for still air
     turbulence: Mapping[str, Any] | None = None  #: values of the table [wind.turbulence]; None for steady wind
     segments: tuple[Segment, ...] = ()  #: from the lower end on, different from one to the next; empty if uniform

@@ -12,9 +12,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.conventions import digits, is_in_memory, printed, printed_unit, unit_text
+from cablepod.conventions import ENDINGS_OF_AIR, digits, is_in_memory, printed, printed_unit, unit_text
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._key_paths import dotted, key_of_variable, variable_name
+from cablepod.parameters._keys import CABLE, DRAG_COEFFICIENT
 from cablepod.plots._page_html import NOTHING, Table
 from cablepod.plots._style import OVER_PLACES
 
@@ -34,7 +35,8 @@ LEFT_OUT = re.compile(
 )
 #: Ratios that are printed in per cent.
 PERCENT = re.compile(
-    r"error(_(max|rms|estimate))?|.*_error_estimate|utilisation.*|strain|.*_over_chord|energy_share.*|mast_share"
+    r"(error(_(max|rms|estimate))?|.*_error_estimate|utilisation.*|strain|.*_over_chord|energy_share.*|mast_share)"
+    rf"({'|'.join(ENDINGS_OF_AIR)})"
 )
 #: Units of quantities that are zero up to rounding below a size.
 ROUNDED, ROUNDING = ("m", "N", "N m", "s", "%"), 1e-12
@@ -44,6 +46,8 @@ OF_VECTORS, ROUNDING_SHARE = ("m", "N", "N m"), 1e-9
 HEADING = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 #: Units that people write and their forms in :data:`cablepod.conventions.VARIABLES`.
 SAME_UNITS = {"m/s": "m s-1", "rad/s": "rad s-1"}
+#: Key path of the diameter of a cable.
+OF_DIAMETER = re.compile(r"(cable|cables\.[^.]+)\.diameter")
 #: Maximum number of values of a list that are echoed one by one.
 MAX_LIST = 6
 
@@ -310,7 +314,7 @@ def input_of(scene: xr.Dataset) -> Table:
         )
         units = unit_text(str(variable.attrs.get("units", "1")))
         rows.append([dotted(str(name)), shown, units, long_name(str(name), variable)])
-    return Table(["key", "value", "unit", "meaning"], rows, fixed=4)
+    return _table_of_keys(rows)
 
 
 def stages_of(dataset: xr.Dataset) -> list[dict[str, Any]]:
@@ -336,6 +340,16 @@ def input_from_history(dataset: xr.Dataset) -> Table | None:
         key = key_of_variable(variable_name(path))
         units = "" if key is None or key.units is None else unit_text(key.units)
         rows.append([path, _given(value), units, "" if key is None else key.long_name])
+    return _table_of_keys(rows)
+
+
+def _table_of_keys(rows: list[list[str]]) -> Table:
+    """Return the table of keys, with the drag coefficients that a scene with wind leaves out."""
+    paths = {path for path, *_ in rows}
+    cables = [found[1] for path in sorted(paths) if (found := OF_DIAMETER.fullmatch(path))]
+    for cable in cables if any(path.startswith("wind.") for path in paths) else ():
+        if (path := f"{cable}.drag_coefficient") not in paths:
+            rows = [*rows, [path, f"{DRAG_COEFFICIENT:g}", "", CABLE["drag_coefficient"].long_name]]
     return Table(["key", "value", "unit", "meaning"], rows, fixed=4)
 
 

@@ -17,7 +17,12 @@ from cablepod.integrate._coarse import LIKELY, remedy_of
 from cablepod.plots import _page_tables
 from cablepod.plots._maps import LARGEST_TIME_ERROR
 from cablepod.plots._page_html import NOTHING, Table
-from cablepod.reduced._validity import MAX_ESTIMATED_ERROR, warn_condensed_out_of_range, warn_galerkin_out_of_range
+from cablepod.reduced._validity import (
+    MAX_ESTIMATED_ERROR,
+    warn_condensed_members,
+    warn_condensed_out_of_range,
+    warn_galerkin_out_of_range,
+)  # fmt: skip
 
 #: Estimates of errors in the order of their worth -> heading.
 ESTIMATES = {
@@ -30,6 +35,7 @@ ESTIMATES = {
 }
 #: Checks of the attributes of a run, by its model.
 CHECKS = {"condensed": warn_condensed_out_of_range, "Galerkin": warn_galerkin_out_of_range}
+CHECKS_OF_MEMBERS = {"condensed": warn_condensed_members}
 #: Forces that are zero where a cable is slack -> what it is.
 FORCES = {"tension_minimum": "link", "guy_tension_minimum": "guy"}
 #: Packages that results follow from.
@@ -50,7 +56,7 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
             yield f"{name}: incomplete, {how}"
         if "note" in dataset and dataset["note"].dtype.kind in "UO":
             yield from (f"{name}: {note}" for note in note_lines(dataset))
-        yield from (f"{name}: {text}" for text in _out_of_range(attrs))
+        yield from (f"{name}: {text}" for text in _out_of_range(dataset))
         yield from (f"{name}: {text}" for text in _of_time(dataset))
         coarse = _largest(dataset, "space_error_estimate")
         if coarse is not None and coarse > LIKELY:
@@ -68,11 +74,16 @@ def warnings_of(results: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]
         yield f"{count} more notes like those above, of other models and with other numbers"
 
 
-def _out_of_range(attrs: Mapping[str, Any]) -> list[str]:
-    """Return the warnings of a reduced model outside its range of validity."""
-    check = CHECKS.get(str(attrs.get("model")))
+def _out_of_range(dataset: xr.Dataset) -> list[str]:
+    """Return the warnings of a reduced model outside its range of validity; of members those of the worst one."""
+    attrs = dict(dataset.attrs)
+    of_members = "member" in dataset.dims
+    check = (CHECKS_OF_MEMBERS if of_members else CHECKS).get(str(attrs.get("model")))
     if check is None:
         return []
+    if of_members:
+        attrs = {name: [value] * dataset.sizes["member"] for name, value in attrs.items()}
+        attrs |= {str(name): found.values.tolist() for name, found in dataset.items() if found.dims == ("member",)}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:

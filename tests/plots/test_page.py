@@ -140,6 +140,7 @@ def test_numbers_are_in_units_for_people(page):
             "angular_frequency": ("mode", [2.0 * np.pi, 4.0 * np.pi], {"units": "rad s-1"}),
             "utilisation": ("guy", [0.25, np.nan], {"units": "1"}),
             "length": ((), 61.2, {"units": "m", "long_name": "length of it"}),
+            "strain_still_air": ((), 0.0004, {"units": "1", "long_name": "strain in still air"}),
             "axial": ((), 2.0 * np.pi, {"units": "rad s-1", "long_name": "angular one"}),
             "axial_hertz": ((), 1.0, {"units": "Hz", "long_name": "axial frequency"}),
             "tension": (("time", "link"), [[1000.0, 2000.0], [3000.0, 6000.0]], {"units": "N", "long_name": "pull"}),
@@ -153,6 +154,7 @@ def test_numbers_are_in_units_for_people(page):
     assert ["mode", "frequency [Hz]"] in found.rows
     assert ["2", "2"] in found.rows
     assert found.row("length of it") == ["length of it", "61.2 m"]
+    assert found.row("strain in still air")[1] == "0.04 %"
     assert [row for row in found.rows if row[-1] == "1 Hz"] == [["axial frequency", "1 Hz"]]
     assert found.row("pull [kN]") == ["pull [kN]", "time 2, link 2", "1", "3", "6"]
 
@@ -214,6 +216,14 @@ def test_the_input_of_a_single_result_is_that_of_its_history(page):
     direct = page({"scene": scene})
     for key in ("cable.top_tension", "ends.upper", "motion.upper.x.amplitude", "chain.links"):
         assert found.row(key)[:3] == direct.row(key)[:3], key
+    wind = {"wind": {"speed": 5.0, "direction": [1.0, 0.0]}, "cable": {**SOFT["cable"], "diameter": 0.01}}
+    windy = cp.make_scene({**SOFT, **wind})
+    for result in (
+        cp.catenary.rest(windy),
+        {"scene": windy},
+    ):  # what drives the drag is told where the scene leaves it out
+        assert page(result).row("cable.drag_coefficient")[1] == "1.2"
+    assert "cable.drag_coefficient" not in text_of(found)
 
 
 def test_a_mast_has_the_figures_of_its_guys_and_modes(page):
@@ -323,7 +333,14 @@ def test_results_tell_what_is_doubtful(page):
             },
             attrs={"accepted_time_error": 1e-4},
         ),
-    }
+        "members": xr.Dataset(
+            {
+                "smallest_chordwise_force": ("member", [5.0, -1.0]), "time_of_smallest_force": ("member", [0.0, 2.0]),
+                "step": ("member", [0.1, 0.1]),
+            },
+            attrs={"model": "condensed", "scheme": "velocity_verlet"},
+        ),
+    }  # fmt: skip
     tree = xr.DataTree.from_dict(results)
     tree.attrs = {"left_out": ["galerkin: needs two held ends"], "notes_left_out": 3}
     found = page(tree).texts
@@ -332,6 +349,7 @@ def test_results_tell_what_is_doubtful(page):
         "chain: incomplete, stopped at 3 s of 10 s", "chain: not converged in time", "chain: too few links",
         "chain: slack at times: 1 of 2",
         "mast: slack at times: guy 2, 5", "runs: 1 of 3 members failed: diverged", "3 more notes",
+        "members: 1 of 2 members, of these number 1 the worst: the chordwise force",
     ):  # fmt: skip
         assert len([text for text in found if text.startswith(part)]) == 1, part
     coarse = next(text for text in found if text.startswith("chain: too few links"))
