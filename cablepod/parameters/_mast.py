@@ -62,6 +62,7 @@ class MastParameters:
     elements: int
     modes: int  #: in each direction
     sections: np.ndarray  #: bottom, top [m], EI [N m2], mass [kg/m], drag area [m] (sections, 5), from below
+    bare: np.ndarray  #: the same without ice
     guys: tuple[Guy, ...]
     loads: tuple[MastLoad, ...]
     duration: float | None  #: [s]
@@ -159,7 +160,7 @@ def mast_of(tables: Mapping[str, Any]) -> MastParameters:
             raise scene_error(f"chain.{name}", plain(chain[name]), "chain.links, equal links")
     ratios, wind = damping_ratios(damping), wind_of(tables)
     expansion = expansion_of(tables, table, "mast") or 1.0
-    sections = _sections(tables, table, expansion) * [expansion, expansion, 1.0, 1.0, 1.0]
+    ice, scales = whole("ice", tables.get("ice", {}), ICE), [expansion, expansion, 1.0, 1.0, 1.0]
     loads = tuple(_loads(tables["mast"], float(table["height"]), expansion))
     return MastParameters(
         height=float(table["height"]) * expansion,
@@ -168,7 +169,8 @@ def mast_of(tables: Mapping[str, Any]) -> MastParameters:
         damping_ratio=float(table["damping_ratio"]),
         elements=int(table["elements"]),
         modes=int(table["modes"]),
-        sections=sections,
+        sections=_sections(tables, table, ice, expansion) * scales,
+        bare=_sections(tables, table, {}, expansion) * scales,
         guys=tuple(guys_of(tables, expansion)),
         loads=loads,
         duration=float(time["duration"]) if "duration" in time else None,
@@ -194,10 +196,11 @@ def _loads(mast: Mapping[str, Any], height: float, expansion: float) -> Iterator
         yield MastLoad(path, float(table["level"]) * expansion, force, factor)
 
 
-def _sections(tables: Mapping[str, Any], table: Mapping[str, Any], expansion: float) -> np.ndarray:
+def _sections(
+    tables: Mapping[str, Any], table: Mapping[str, Any], ice: Mapping[str, Any], expansion: float
+) -> np.ndarray:
     """Return the sections of the mast from below, see :class:`MastParameters`; heights as the scene gives them."""
     height, given = float(table["height"]), list[list[float]]()
-    ice = whole("ice", tables.get("ice", {}), ICE)
     for path, own in listed(tables["mast"], "section", "mast."):
         refuse_missing(path, own, ("from", "to"))
         low, high = float(own["from"]), float(own["to"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -51,7 +52,7 @@ UNITS: dict[str, dict[float, str]] = {
     "height": {1e-3: "mm", 1e3: "km"},
     "radius": {1e-3: "mm", 1e3: "km"},
 }
-#: Column of a section in :attr:`MastParameters.sections`.
+#: Column of a section in :attr:`MastParameters.bare`.
 COLUMNS = {"bending_stiffness": 2, "mass": 3}
 
 #: Notes, the worst first, and key paths and changes that explain them.
@@ -104,15 +105,15 @@ def _scaled(p: MastParameters, key: str, factor: float) -> MastParameters:
     """Return a mast with its height, or one quantity of all its sections, times a factor."""
     if key == "height":
         return replace(p, height=p.height * factor)
-    sections = p.sections.copy()
-    sections[:, COLUMNS[key]] *= factor
-    return replace(p, sections=sections)
+    bare = p.bare.copy()
+    bare[:, COLUMNS[key]] *= factor
+    return replace(p, bare=bare)
 
 
 def _notes_of_structure(p: MastParameters) -> Iterator[Note]:
     yield from outside("mast.height", "a height", p.height, HEIGHT, "m")
-    for bottom, top, stiffness, mass, drag_area in p.sections:
-        where = "" if len(p.sections) == 1 else f" from {bottom:g} to {top:g} m"
+    for bottom, top, stiffness, mass, drag_area in p.bare:
+        where = "" if len(p.bare) == 1 else f" from {bottom:g} to {top:g} m"
         yield from outside("mast.mass", f"a mass per length of the mast{where}", mass, MASS, "kg/m")
         radius = math.sqrt(stiffness / mass / MODULUS_OVER_DENSITY)
         what = f"a radius of gyration{where} of {radius:.3g} m, from bending stiffness and mass, and a height over it, a ratio"
@@ -169,10 +170,12 @@ def guy_hint(guy: Guy) -> str:
 
 def mast_hint(p: MastParameters) -> str:
     """Return the end of the error of a mast without rest: the remedy, or else the number, that is likely the reason; or empty."""
-    for notes, changes in notes_of_mast(p):
+    found = notes_of_mast(p)
+    for notes, changes in found:
         if notes[0].excess > 0.0:
             return remedy(changes) or f"; {notes[0].key}: the scene has {notes[0].text}"
-    return ""
+    few = (note for notes, _ in found for note in notes if note.key.endswith(".count"))
+    return "".join(f"; {note.key}: the scene has {note.text}" for note in itertools.islice(few, 1))
 
 
 def _notes_of_tables(p: MastParameters) -> Iterator[Note]:

@@ -110,6 +110,19 @@ def test_a_refusal_that_a_unit_explains_tells_it(path, value, said):
     assert str(caught.value).endswith(said), caught.value
 
 
+def test_ice_hides_no_unit_and_guys_without_a_count_are_told():
+    mapping = put(changed("mast.mass", 0.055), "ice", {"thickness": 0.02})
+    mapping["mast"] |= {"diameter": 0.06, "member_length": 8.0}  # 32 kg/m of ice
+    assert "mast.mass times 1000 (given in t/m?)" in str(cp.summary(cp.make_scene(mapping)).note.values)
+    mapping = changed("mast.bending_stiffness", 6e6)
+    for guy in mapping["guy"]:
+        del guy["count"]
+    with pytest.raises(
+        cp.SceneError, match=r"buckles .*; guy.1.count: the scene has one guy .* a missing count is 1\)$"
+    ):
+        cp.mast.rest(cp.make_scene(mapping))
+
+
 def test_the_largest_tension_of_the_guys_of_a_table_is_noted():
     scene = cp.make_scene(changed("cables.upper.breaking_strength", 1.8e4))
     rest = cp.mast.rest(scene)
