@@ -47,7 +47,7 @@ def check_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str =
         raise ArchiveError(
             f"{key}: given {out}, which cannot be written: {error.strerror}; allowed: a folder"
         ) from None
-    existing = [name for name in files if (out / name).exists()]
+    existing = [name for name in dict.fromkeys(files) if (out / name).exists()]
     if existing and not overwrite:
         raise ArchiveError(
             f"{key}: given {out}, which has {', '.join(existing)} already; "

@@ -89,8 +89,9 @@ def _temperatures(given: tuple[float, float, float]) -> list[float]:
 def _cases(path: Path) -> dict[str, Any]:
     """Read the cases of a TOML file."""
     name = named(str(path))
+    text = read_text(path, "TOML file of cases, tables [NAME.ice], [NAME.wind]", LARGEST_SCENE, key="--cases")
     try:
-        found = tomllib.loads(read_text(path, "TOML file of cases", LARGEST_SCENE))
+        found = tomllib.loads(text)
     except ValueError as error:
         raise SceneError(
             f"--cases: {name}: not a TOML file: {error}; allowed: tables [NAME.ice], [NAME.wind]"

@@ -86,8 +86,9 @@ def remarks(scene: xr.Dataset) -> str:
     functions = p.time_functions()
     found = []
     if functions and not (p.mass_damping or p.tension_damping or p.damping_ratios or p.link_viscosity or p.wind):
+        by_dampers = "none but dampers: vibrations across them never decay; see damping.mass_proportional"
         none = "none: vibrations never decay, resonances grow over the whole run; see damping.mass_proportional"
-        found.append(("damping", none))
+        found.append(("damping", by_dampers if any(each.damper for each in p.attachments) else none))
     if p.damping_ratios is not None:
         ratios = "  ".join(digits(round(100.0 * ratio, 9)) for ratio in p.damping_ratios)
         which = "each its own, the last of all others" if len(p.damping_ratios) > 1 else "of all vibrations"

@@ -178,13 +178,13 @@ def _axes(scene: xr.Dataset, directions: Any, speeds: Any, storms: Any) -> dict[
     SceneError
         Names the argument or the table.
     """
+    if "wind_speed" not in scene:
+        raise SceneError("wind: missing; allowed: a scene with the table wind, of which direction and speed are varied")
     found = {
         "direction": _numbers("directions", directions, "angles [rad], each once", numbers_list()),
         "speed": _numbers("speeds", speeds, "mean wind speeds [m/s] above 0, each once", numbers_list(above=0.0)),
     }
     count = integer(least=1, most=10**6)("storms", storms)
-    if "wind_speed" not in scene:
-        raise SceneError("wind: missing; allowed: a scene with the table wind, of which direction and speed are varied")
     if "wind_turbulence_record" in scene:
         raise scene_error(
             "wind.turbulence.record",

@@ -109,10 +109,13 @@ class Kind:
         areas = self.areas(scene)
         if not areas:
             raise SceneError("shares: given for a mast without guys; allowed: none")
-        if any(area is None or not np.isfinite(float(area)) for area in areas):
-            raise SceneError(
-                "reference_range: given for cables without an area; allowed: cables with an area, as it is a stress [Pa]"
-            )
+        is_mast = self.model == "mast"
+        paths = [f"cables.{guy.name}" for guy in mast_parameters(scene).guys] if is_mast else ["cable"] * len(areas)
+        for path, area in zip(paths, areas, strict=True):
+            if area is None or not np.isfinite(float(area)):
+                raise SceneError(
+                    f"reference_range: given for cables without an area; allowed: {path}.area [m2] too, as it is a stress [Pa]"
+                )
 
     def numbers(
         self, part: xr.Dataset, scene: xr.Dataset, curve: tuple[float, float] | None, window: tuple[float, float] | None

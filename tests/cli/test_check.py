@@ -72,6 +72,9 @@ def test_what_to_know_before_a_run_is_told(tmp_path, capsys):
     lines = {line[:34].strip(): line[34:].strip() for line in out.splitlines()}
     assert status == 0
     assert lines["damping"].startswith("none: vibrations never decay")
+    damper = '[[attachment]]\narc_length = 0.1\ndamper = 5.0\ndirection = "normal"\n'
+    path.write_text(sine + damper)
+    assert "none but dampers: vibrations across them never decay" in said_of(capsys, "check", str(path))[1]
     assert lines["space"].startswith("two coordinates: motion out of the plane cannot be seen")
     assert lines["ensemble"] == "12 members, grid"
     assert lines["cable.top_tension"] == "200 to 300 N, 3 values"

@@ -80,7 +80,7 @@ def test_cases_files_and_figures(guy, capsys):
         (["--temperatures", "-20", "20", "1"], "allowed: LOW below HIGH, and a whole COUNT of at least 2"),
         (["--temperatures", "-400", "20", "3"], "--temperatures: given -400.0; allowed: a finite number of at least"),
         ([], "'--temperatures'"),
-        (["--temperatures", "-20", "20", "2", "--cases", "none.toml"], "none.toml: cannot be read"),
+        (["--temperatures", "-20", "20", "2", "--cases", "none.toml"], "--cases: none.toml: cannot be read"),
         (["--temperatures", "-20", "20", "2", "--cases", "broken.toml"], "--cases: broken.toml: not a TOML file"),
         (["--temperatures", "-20", "20", "2", "--cases", "empty.toml"], "--cases: empty.toml: has no tables; allowed"),
     ],

@@ -210,10 +210,11 @@ def test_larger_ranks_are_left_out_with_a_warning(scene):
 
 
 def test_results_are_not_overwritten_without_being_asked(scene, tmp_path):
-    (tmp_path / "modes.nc").write_text("an older one")
-    with pytest.raises(cp.ArchiveError, match=r"out: given .*, which has modes.nc already; .* overwrite=True"):
+    for name in ("modes.nc", "condensed_r1.nc"):  # each is named once
+        (tmp_path / name).write_text("an older one")
+    with pytest.raises(cp.ArchiveError, match=r", which has modes.nc, condensed_r1.nc already; .* overwrite=True"):
         cp.study.run(scene, tmp_path, ranks=[1])
-    assert [path.name for path in tmp_path.iterdir()] == ["modes.nc"]
+    assert {path.name for path in tmp_path.iterdir()} == {"modes.nc", "condensed_r1.nc"}
 
 
 @pytest.mark.skipif(not find_spec("fcntl"), reason="this system has no locks of folders")
