@@ -49,7 +49,7 @@ def respond(
     _group.import_matplotlib()
     files = RESPONSE, MODES, *RESPONSE_FIGURES
     folder, dataset, chosen = _prepared(scene, out, modes, rank, files, overwrite, verify)
-    low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
+    low, high = _angular(frequency, hertz, dataset)
     with _saying_of_damping(dataset), Bars() as bars:
         bars("frequency response", 0.0)
         compute = partial(periodic.frequency_response, dataset, chosen, frequency=(low, high))
@@ -76,7 +76,7 @@ def tongues(
     _checks.number(above=0.0)("--amplitude", amplitude)
     files = MAP, MODES, *MAP_FIGURES
     folder, dataset, chosen = _prepared(scene, out, modes, rank, files, overwrite, verify)
-    low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
+    low, high = _angular(frequency, hertz, dataset)
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
     with _saying_of_damping(dataset), Bars() as bars:
@@ -87,6 +87,23 @@ def tongues(
     drawings = draw, partial(draw, variable="response")
     _write(folder, files, (result, chosen), drawings, _map_table(result, hertz))
     return status
+
+
+def _angular(frequency: tuple[float, float], hertz: bool, scene: xr.Dataset) -> tuple[float, float]:
+    """Return the range of angular frequencies [rad/s]; say so where that of the scene lies in it as Hz alone."""
+    from cablepod.periodic._forcing import periodic_forcing
+
+    low, high = frequency
+    in_hertz = 2.0 * np.pi * low, 2.0 * np.pi * high
+    omega = periodic_forcing(parameters(scene)).omega
+    if hertz:
+        return in_hertz
+    if not low <= omega <= high and in_hertz[0] <= omega <= in_hertz[1]:
+        _group.note(
+            f"--frequency: {low:g} to {high:g} rad/s; the forcing of the scene has {omega:.4g} rad/s, "
+            f"{omega / (2.0 * np.pi):.4g} Hz; given in Hz? then --hertz"
+        )
+    return low, high
 
 
 def _kept(compute: Callable[[], xr.Dataset]) -> tuple[xr.Dataset, int]:

@@ -46,6 +46,14 @@ def test_respond_writes_branches_and_prints_bifurcations(guy, tmp_path, capsys):
     assert cli.main([*arguments, "--overwrite"]) == 0
 
 
+@pytest.mark.parametrize(("options", "said"), [([], "given in Hz? then --hertz"), (["--hertz"], "")])
+def test_frequencies_that_hold_the_forcing_as_hertz_alone_are_noted(guy, tmp_path, capsys, options, said):
+    arguments = ["respond", guy, "--out", str(tmp_path / "out"), "--frequency", "1.98", "2.0", "--rank", "1"]
+    assert cli.main([*arguments, *options]) == 0
+    found = without_progress(capsys.readouterr().err)
+    assert said in found if said else not found
+
+
 def test_ramps_are_left_out_with_a_note(guy, tmp_path, capsys):
     def response(path, name):
         arguments = ["respond", str(path), "--out", str(tmp_path / name), "--frequency", "12.4", "12.6", "--rank", "1"]
