@@ -201,7 +201,7 @@ class CondensedAir:
             stretch = model.initial_boundary_data[0] / model.chain.total_length
         else:
             stretch, exact = model.mean_stretch(q, model.initial_boundary_data), True
-        kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, shapes, model.n_in_plane, self.bodies, f)
+        kernel.drag_force(q, rates, stretch, exact, wind, drag, shapes, model.n_in_plane, self.bodies, f)
         return f
 
     def hold(self, chord_tension: float, step: float) -> int:

@@ -81,24 +81,6 @@ def compliance_shares(chain: LumpedChain) -> np.ndarray:
     return np.asarray(sums / sums[-1])
 
 
-def shapes_of_loads(model: Coefficients) -> np.ndarray:
-    """Return psi of the attachments that are loads (loads, r) [kg^-1/2]."""
-    rows = [shape_along(model, *pair) for pair in loading(model.chain)]
-    return np.array(rows).reshape(len(rows), len(model.shapes))
-
-
-def stiffness_of_springs(model: Coefficients) -> np.ndarray:
-    """Return the stiffness matrix of each attachment that is a load (loads, r, r) [1/s^2]."""
-    springs = np.array([attachment.spring for attachment, _ in loading(model.chain)])
-    return np.einsum("a,ai,aj->aij", springs, model.attached_shapes, model.attached_shapes)
-
-
-def roots_of_springs(model: Coefficients) -> np.ndarray:
-    """Return the shapes along which springs act, times the roots of their stiffnesses (springs, r) [1/s]."""
-    springs = np.array([attachment.spring for attachment, _ in loading(model.chain)])
-    return (np.sqrt(springs)[:, None] * model.attached_shapes)[springs > 0.0]
-
-
 def damping_of_dampers(model: Coefficients) -> np.ndarray:
     """Return the damping matrix of all dampers (r, r) [1/s]; without entries: none."""
     chain, matrix = model.chain, np.zeros((len(model.shapes), len(model.shapes)))

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cablepod.catenary._statics import solve_statics
-from cablepod.condensed._attached import BodyLoads, loading, place_of, shapes_of_loads, stiffness_of_springs
+from cablepod.condensed._attached import BodyLoads, loading, place_of, shape_along
 from cablepod.condensed._reference_state import (
     INSTANTS,
     ReferenceState,
@@ -22,8 +22,7 @@ from cablepod.discretisation._gll import gll_rule, integration_matrix
 from cablepod.reduced._validity import check_independent
 
 #: Orders of approximation.  "leading": closure and force to first order in strain and squared slope, with second-order terms of a
-#: reference state; "exact": exact chordwise
-#: stretch; "inertial": exact, with the chordwise inertia that the deflection enforces.
+#: reference state; "exact": exact chordwise stretch; "inertial": exact, with the chordwise inertia that the deflection enforces.
 ORDERS = ("leading", "exact", "inertial")
 
 
@@ -38,9 +37,8 @@ class Coefficients:
 
     chain: LumpedChain  #: links and masses on the particles of the modes
     order: str  #: one of ORDERS
-    modes: tuple[
-        np.ndarray, ...
-    ]  #: modes of each set as given (mode, particle); sets: in plane, in space also out of plane
+    #: modes of each set as given (mode, particle); sets: in plane, in space also out of plane
+    modes: tuple[np.ndarray, ...]
     quadrature: int | None = None  #: number of quadrature points of the chordwise stretch; None for the links
     body_loads: BodyLoads | None = None  #: drag of bodies along the chord; None without
 
@@ -276,13 +274,15 @@ class Coefficients:
         )
         products *= self._same_set
         if len(self.attached_shapes):
-            products[-len(self.attached_shapes) :] = stiffness_of_springs(self)
+            springs = [attachment.spring for attachment, _ in loading(self.chain)]
+            products[-len(springs) :] = np.einsum("a,ai,aj->aij", springs, self.attached_shapes, self.attached_shapes)
         return products
 
     @cached_property
     def attached_shapes(self) -> np.ndarray:
         """Displacements of the attachments that are loads along their directions, for unit coordinates (loads, r) [kg^-1/2]."""
-        return shapes_of_loads(self)
+        rows = [shape_along(self, *pair) for pair in loading(self.chain)]
+        return np.array(rows).reshape(len(rows), len(self.shapes))
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cablepod.catenary._end_stiffness import gauss_rule
-from cablepod.condensed._attached import roots_of_springs
+from cablepod.condensed._attached import loading
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._kernels_layout import ErrorTerms, LeadingTerms, runtime_sizes
 from cablepod.condensed._rest_tangent import with_vector
@@ -177,7 +177,8 @@ def terms_of_model(model: Coefficients, change: np.ndarray, in_plane: int) -> Er
     change, in_plane
         As in :func:`scaled_terms`, without the dimension of cables.
     """
-    chain, springs = model.chain, roots_of_springs(model)
+    chain, stiffness = model.chain, np.array([attachment.spring for attachment, _ in loading(model.chain)])
+    springs = (np.sqrt(stiffness)[:, None] * model.attached_shapes)[stiffness > 0.0]
     enriched = LeadingTerms.of(
         chain.p.stiffness, chain.total_length, model.slope_norms_squared, model.mean_chordwise_forces,
         model.geometric_stiffness, model.load_projection,

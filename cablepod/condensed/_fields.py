@@ -88,9 +88,7 @@ def boundary_data_of(model: CondensedModel, state: CondensedTrajectory, ends: np
     instants = state.instants
     if instants.needs_interpolation:
         return model.boundary_data_at(instants.times, ends)
-    if (
-        state.boundary_data is None
-    ):  # at the instants of the steps, which may differ from those asked for in the last bit
+    if state.boundary_data is None:  # at the steps' own instants, which may differ from those asked for in the last bit
         return model.boundary_data_at(instants.steps[instants.left] / instants.steps_per_second)
     return state.boundary_data[instants.left]
 

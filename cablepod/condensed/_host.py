@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -24,8 +23,6 @@ from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.discretisation._chord_frame import MAX_COSINE
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import RunStopped, SceneError, scene_error
-from cablepod.parameters._parameters import Parameters
-from cablepod.parameters._time_functions import TimeFunction
 from cablepod.wind._air import air_of
 
 #: Minimum and maximum chord over the unstretched length.  Below, the sag is so deep that the deflection normal to the chord no
@@ -34,8 +31,6 @@ CHORD_RANGE = (0.5, 11.0)
 CHORD_TURN_TEXT = "a chord that turns by at most a right angle in a step: the ends do not pass each other"
 #: Doubles in the order of bytes of this machine.
 DOUBLE = np.dtype(float)
-#: Motion that stands for an end moved by a host: the load pattern of its inertia belongs to the model.
-AT_REST = TimeFunction("polynomial", {"coefficients": [0.0]})
 
 
 def vector(values: Any) -> np.ndarray:
@@ -53,11 +48,6 @@ def vector(values: Any) -> np.ndarray:
     if kind not in "fiu" and not (kind == "O" and all(isinstance(entry, Real) for entry in result.flat)):
         raise TypeError(f"values: given {result.dtype}; allowed: real numbers")
     return result.astype(float)
-
-
-def with_moving_end(p: Parameters) -> Parameters:
-    """Return parameters in which an end moves, so that the model has the inertia of the chord."""
-    return p if p.motions else replace(p, motions={("upper", "y"): AT_REST})
 
 
 def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) -> HostCoefficients:
@@ -87,6 +77,11 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
     for k, which in enumerate(model.sets):
         numbers[layout.END_MASS + 1 + k] = p.mass * second_moment - (moments[which] ** 2).sum()
     slope_moments = np.einsum("an,n,in->ai", patterns, length, model.slopes)
+    of_air = None
+    if air is not None:
+        velocity, rate = air.at_samples
+        velocity = np.ascontiguousarray(velocity.transpose(0, 2, 1))
+        of_air = HostAir(velocity, rate, air.drag, air.rule[0], air.shapes)
     by_pattern = terms.mean_chordwise_forces, bounds.norms, at_end, patterns @ (length * arms), bounds.candidates
     return HostCoefficients(
         np.array([len(model.shapes), p.dims, model.n_in_plane]),
@@ -95,7 +90,7 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
         terms.load_projection,
         np.vstack([terms.kappa, moments, slope_moments]),
         np.vstack(by_pattern),
-        None if air is None else _host_air(air),
+        of_air,
     )
 
 
@@ -121,12 +116,6 @@ def end_of_wind(air: CondensedAir) -> float:
     if np.array_equal(velocity[-1], velocity[-2]):
         return math.inf
     return (len(velocity) - 1) / air.air.samples_per_second * (1.0 + 1e-9)
-
-
-def _host_air(air: CondensedAir) -> HostAir:
-    """Collect the air along a cable for the kernels."""
-    velocity, rate = air.at_samples
-    return HostAir(np.ascontiguousarray(velocity.transpose(0, 2, 1)), rate, air.drag, air.rule[0], air.shapes)
 
 
 def initial_state(model: CondensedModel, coefficients: HostCoefficients, air: CondensedAir | None = None) -> np.ndarray:

@@ -15,13 +15,6 @@ from cablepod.wind._kernels_drag import body_drag, sample_at
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _interpolate_air(before, after, share, air):
-    """Fill the air (n,) between two samples."""
-    for k in range(before.size):
-        air[k] = before[k] + share * (after[k] - before[k])
-
-
-@compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _add_motion(first, last, q, u, slopes, shapes, slope, velocity):
     """Add slopes of coordinates `first` ... `last` - 1 at the points, subtract their rates from the velocity of the air."""
     for i in range(first, last):
@@ -47,13 +40,6 @@ def _across(chordwise, slope, along, normal):
 
 
 @compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
-def _planar_law(drag, chordwise, square, along, normal, slope):
-    """Return the drag along the normal at a point: c |w| w zeta' / |t|^2, w = t x u; `square` is |t|^2."""
-    w = _across(chordwise, slope, along, normal)
-    return drag * abs(w) * w * chordwise / square
-
-
-@compiled(counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _spatial_law(drag, chordwise, square, along, normal, binormal, slope, slope_out):
     """Return the drag along the chord and both normals at a point: c |w| w x t / |t|^2, w = t x u; `square` is |t|^2."""
     along_w = _across(slope, slope_out, normal, binormal)
@@ -69,14 +55,15 @@ def _spatial_law(drag, chordwise, square, along, normal, binormal, slope, slope_
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
 def _planar_drag(stretch, exact, drag, along, normal, slope):
-    """Replace the relative velocity along the normal by the drag."""
+    """Replace the relative velocity along the normal by the drag c |w| w zeta' / |t|^2, with w = t x u at a point."""
     for g in range(drag.size):
         square, chordwise = stretch * stretch, stretch
         if exact is None:
             square += slope[g] * slope[g]
         else:
             chordwise = math.sqrt(max(square - slope[g] * slope[g], 0.0))
-        normal[g] = _planar_law(drag[g], chordwise, square, along[g], normal[g], slope[g])
+        w = _across(chordwise, slope[g], along[g], normal[g])
+        normal[g] = drag[g] * abs(w) * w * chordwise / square
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
@@ -151,30 +138,24 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     """
     sample, share = sample_at(place, wind.shape[0])
     n = drag.size
-    _interpolate_air(wind[sample], wind[sample + 1], share, work)
+    before, after = wind[sample], wind[sample + 1]
+    for k in range(before.size):
+        work[k] = before[k] + share * (after[k] - before[k])
     _add_drag(
         q, u, stretch, exact, work[:n], work[n : 2 * n], work[2 * n : 3 * n], work[3 * n : 4 * n], work[4 * n : 5 * n], drag,
         shapes, n_in_plane, None, None, f,
     )  # fmt: skip
 
 
-@compiled(counted=False)
-def _weights_of_drag(hold):
-    """Return the weights of three evaluations of the drag, `hold` steps apart, in its mean over the next `hold` steps.
+@compiled(noalias=True, counted=False, forceinline=True)
+def _extrapolate_drag(hold, at_start, now, before, old, held):
+    """Fill `held` (r,) with the mean of the drag over the next `hold` steps, and shift the evaluations for the next one.
 
-    The mean of the parabola through the evaluations now, before, and before that.  The first of the steps is that of the
-    evaluation.
+    The mean is that of the parabola through the evaluations `now`, `before` and before that, `hold` steps apart; the first of the
+    steps is that of the evaluation.  The drag before the start is that of the start.
     """
     first, second = 0.5 * (hold - 1.0) / hold, (hold - 1.0) * (2.0 * hold - 1.0) / (6.0 * hold * hold)
-    return 0.5 * (second + 3.0 * first + 2.0), -(second + 2.0 * first), 0.5 * (second + first)
-
-
-@compiled(noalias=True, counted=False, forceinline=True)
-def _extrapolate_drag(weights, at_start, now, before, old, held):
-    """Fill `held` (r,) with the mean of the drag over the next steps, and shift the evaluations for the next one.
-
-    The drag before the start is that of the start.
-    """
+    weights = 0.5 * (second + 3.0 * first + 2.0), -(second + 2.0 * first), 0.5 * (second + first)
     for i in range(now.size):
         if at_start:
             before[i], old[i] = now[i], now[i]
@@ -222,8 +203,8 @@ def _add_body_drag(bodies, u, wind, place, points, shapes, n_in_plane, f):
 
 
 @compiled
-def drag_force(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, bodies, f):
-    """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag_at` and :func:`_add_body_drag`."""
+def drag_force(q, u, stretch, exact, wind, drag, shapes, n_in_plane, bodies, f):
+    """Fill f (r,) with the accelerations by the drag at the start, see :func:`_add_drag_at` and :func:`_add_body_drag`."""
     f[:] = 0.0
-    _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, np.empty(AIR_ROWS * drag.size), f)
-    _add_body_drag(bodies, u, wind, place, drag.size, shapes[0], n_in_plane, f)
+    _add_drag_at(q, u, stretch, exact, wind, 0.0, drag, shapes, n_in_plane, np.empty(AIR_ROWS * drag.size), f)
+    _add_body_drag(bodies, u, wind, 0.0, drag.size, shapes[0], n_in_plane, f)

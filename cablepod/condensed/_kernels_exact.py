@@ -40,14 +40,14 @@ def _sum_slopes(terms, q, slope):
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
-def _subtract_projection(terms, factor, stiffness, slope, f):
-    """Subtract from f (r,) a factor times the integrals of the slopes (2, m) times a weighted stiffness (m,)."""
+def _subtract_projection(terms, stiffness, slope, f):
+    """Subtract from f (r,) the integrals of the slopes (2, m) times a weighted stiffness (m,)."""
     r, m = terms.slopes.shape
     for i in range(r):
         k, total = 0 if i < terms.in_plane else 1, 0.0
         for j in range(m):
             total += stiffness[j] * terms.slopes[i, j] * slope[k, j]
-        f[i] -= factor * total
+        f[i] -= total
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
@@ -163,7 +163,7 @@ def exact_force(terms, row, q, v, guess, work, f):
         f[i] = 0.0
         for a in range(terms.load_projection.shape[0]):
             f[i] += row[1 + patterns + a] * terms.load_projection[a, i]
-    _subtract_projection(terms, 1.0, closure[WEIGHTED_STIFFNESS], work.slope, f)
+    _subtract_projection(terms, closure[WEIGHTED_STIFFNESS], work.slope, f)
     if work.tangent.size:
         _fill_exact_tangent(terms, work)
     _add_chordwise_inertia(terms.inertia, terms, v, work, f)
@@ -180,7 +180,7 @@ def _subtract_tension_damping(terms, tension_damping, rates, work, f):
     for j in range(stiffness.size):
         stiffness[j] = damping_by_tension(stiffness[j], stiffness[j], tension_damping)
     _sum_slopes(terms, rates, work.slope_rate)
-    _subtract_projection(terms, 1.0, stiffness, work.slope_rate, f)
+    _subtract_projection(terms, stiffness, work.slope_rate, f)
 
 
 # --- monitor and tensions ---------------------------------------------------------------------------------------------

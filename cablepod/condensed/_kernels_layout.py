@@ -49,15 +49,12 @@ class LeadingTerms(NamedTuple):
     inverse_length: np.ndarray  #: 1 / L0 (lanes) [1/m]
     sag_stiffness: np.ndarray  #: K / 2 L0 (lanes) [N/m]
     kappa: np.ndarray  #: squared slope norms (r, lanes) [1/(kg m)]
-    mean_chordwise_forces: (
-        np.ndarray
-    )  #: means of the chordwise force patterns (patterns, lanes) [m], of point loads [1]
-    geometric_stiffness: (
-        np.ndarray
-    )  #: of unit chordwise force patterns (patterns, r, r, lanes) [1/kg], point loads [1/(kg m)]
-    load_projection: (
-        np.ndarray
-    )  #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
+    #: means of the chordwise force patterns (patterns, lanes) [m], of point loads [1]
+    mean_chordwise_forces: np.ndarray
+    #: of unit chordwise force patterns (patterns, r, r, lanes) [1/kg], point loads [1/(kg m)]
+    geometric_stiffness: np.ndarray
+    #: of unit loads along the normals (normal loads, r, lanes) [kg^-1/2 m], point loads [kg^-1/2]
+    load_projection: np.ndarray
 
     @classmethod
     def of(cls, stiffness: Any, length: Any, *coefficients: np.ndarray) -> LeadingTerms:
@@ -167,9 +164,7 @@ class Record(NamedTuple):
     steps: np.ndarray  #: numbers of the steps (outputs,)
     first: int  #: index of the first one from which a kernel saves
     coordinates: np.ndarray  #: filled: coordinates (lanes, outputs, r)
-    half_step_rates: (
-        np.ndarray
-    )  #: filled: rates half a step before and after (lanes, outputs, 2, r), or without outputs
+    half_step_rates: np.ndarray  #: filled: rates half a step before and after (lanes, outputs or 0, 2, r)
 
     @classmethod
     def at(cls, begin: int, steps: np.ndarray, coordinates: np.ndarray, half_step_rates: np.ndarray) -> Record:
@@ -202,9 +197,8 @@ class ExactWork(NamedTuple):
     slope: np.ndarray  #: slopes of the deflections (2, m)
     slope_rate: np.ndarray  #: their rates (2, m)
     stretch_jacobian: np.ndarray  #: derivatives of the stretch by the coordinates, and momenta of these (2 r, m, 1)
-    tangent: (
-        np.ndarray
-    )  #: negative derivative of the forces (r, r), accurate enough for Newton's method; without entries: unasked
+    #: negative derivative of the forces (r, r), accurate enough for Newton's method; without entries: unasked
+    tangent: np.ndarray
     mass: np.ndarray  #: mass matrix with chordwise inertia (r, r), otherwise a work array
     vectors: np.ndarray  #: forces and others of a step (5, r)
     tension: np.ndarray  #: H (1,) [N]

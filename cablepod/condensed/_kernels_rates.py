@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cablepod._jit import FUSED, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions, _geometric_forces
-from cablepod.condensed._kernels_drag import _add_body_drag, _add_drag_at, _extrapolate_drag, _weights_of_drag
+from cablepod.condensed._kernels_drag import _add_body_drag, _add_drag_at, _extrapolate_drag
 from cablepod.condensed._kernels_layout import Sizes
 from cablepod.discretisation._kernels_laws import damping_by_tension
 
@@ -75,7 +75,7 @@ def _add_held_drag(air, q, u, stretch, exact, number, step, f):
             now[j] = 0.0
         _add_drag_at(q, u, stretch, exact, air.velocity, place, air.drag, air.shapes, air.in_plane, air.work, now)
         _add_body_drag(air.bodies, u, air.velocity, place, air.drag.size, air.shapes[0], air.in_plane, now)
-        _extrapolate_drag(_weights_of_drag(air.hold), number == 0, now, before, old, held)
+        _extrapolate_drag(air.hold, number == 0, now, before, old, held)
     for j in range(held.size):
         f[j] += held[j]
 

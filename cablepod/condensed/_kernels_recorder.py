@@ -98,9 +98,8 @@ def link_tensions(terms, boundary_data, q, slopes, in_plane, force_patterns, cho
     times = q.shape[1]
     for m in range(q.shape[0]):
         own = _of_member(terms, m)
-        sizes = Sizes(
-            (0,), q[m, 0], own.mean_chordwise_forces, chord_tension
-        )  # the loads along the normals do not count
+        # the loads along the normals do not count
+        sizes = Sizes((0,), q[m, 0], own.mean_chordwise_forces, chord_tension)
         links = Links(slopes[m], in_plane, force_patterns[m], chord_tension, chord_tension)  # without extremes
         for t in range(times):
             _chord_tensions(sizes, own, boundary_data[m, t], q[m, t], chord_tension)

@@ -214,10 +214,9 @@ class Lanes:
         chosen = slice(None) if plan.links is None else plan.links
         if "tension_extremes" not in plan.outputs:
             chosen = slice(0)
-        self.tables = tuple(
-            _flat(named[name][:, :, chosen]).reshape(named[name].shape[1], -1)
-            for name in ("slopes", "chordwise_force_patterns")
-        )  #: slopes and chordwise force patterns of the links (r or patterns, links lanes)
+        tables = (named["slopes"], named["chordwise_force_patterns"])
+        #: slopes and chordwise force patterns of the links (r or patterns, links lanes)
+        self.tables = tuple(_flat(table[:, :, chosen]).reshape(table.shape[1], -1) for table in tables)
         mass = p.mass * members.total * unit.chain.tributary_length.sum()
         self.bound = DIVERGENCE_FACTOR * np.sqrt(mass) * members.total  #: of coordinates
         self._prepare_ends(members)

@@ -104,11 +104,8 @@ class CondensedModel(Coefficients):
             of_bodies = np.zeros((p.dims, len(self.body_loads.fractions), instants))
             of_bodies[0] = -(self.body_loads.mean[:, None] if is_static else self.body_loads.at(times))
             attached = np.concatenate([of_bodies, attached], axis=1)
-        if (
-            not accelerations.shape[1]
-            and self.body_loads is None
-            and all(values.shape[1] == 1 for values in (load, *points))
-        ):  # the same at all instants
+        is_steady = all(values.shape[1] == 1 for values in (load, *points))
+        if is_steady and not accelerations.shape[1] and self.body_loads is None:  # the same at all instants
             ends, attached = ends[:, :1].copy(), attached[:, :, :1]
         rows = chord_and_loads(ends, accelerations, load, p.mass, self.reference, points)
         if attached.shape[1]:
@@ -266,16 +263,8 @@ class CondensedModel(Coefficients):
         """Coefficients of the exact forces, at the points of `rule`."""
         slopes, patterns, weights = self.rule
         p = self.chain.p
-        return ExactTerms(
-            p.stiffness,
-            self.green or None,
-            slopes,
-            self.n_in_plane,
-            patterns,
-            weights,
-            self.load_projection,
-            self.inertia if self.inertia.size else None,
-        )
+        of_cable, inertia = (p.stiffness, self.green or None), self.inertia if self.inertia.size else None
+        return ExactTerms(*of_cable, slopes, self.n_in_plane, patterns, weights, self.load_projection, inertia)
 
     def sizes(self, *, constant: bool) -> Sizes:
         """Return the numbers of coordinates and loads, as constants of the compiled code or not."""
@@ -329,11 +318,8 @@ class CondensedModel(Coefficients):
         """Return the mean stretch of the cable in one state by the exact closure."""
         from cablepod.condensed import _kernels_exact as kernel
 
-        terms, work, guess = (
-            self.exact_terms,
-            self.exact_work(boundary_data, tangent=False),
-            self.tension_guess(boundary_data, q),
-        )
+        terms, guess = self.exact_terms, self.tension_guess(boundary_data, q)
+        work = self.exact_work(boundary_data, tangent=False)
         kernel.exact_force(terms, boundary_data, q, np.zeros_like(q), guess, work, np.empty_like(q))
         return float(kernel.mean_stretch(terms.weights, work.stretch[0], work.closure[SLOPE_SQUARED]))
 

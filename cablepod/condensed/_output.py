@@ -169,12 +169,6 @@ def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: Condens
     return attrs
 
 
-def result_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest, title: str) -> xr.Dataset:
-    """Make the Dataset of one run."""
-    attrs = attributes_of(solution, modes, request)
-    return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)
-
-
 def stop_unstable(run: CondensedRun, state: CondensedTrajectory, step_number: int) -> NoReturn:
     """Stop a run whose frequencies have outgrown the step."""
     limit = 2 / math.sqrt(state.monitor[MAX_OMEGA_SQUARED])

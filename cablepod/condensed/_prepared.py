@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, PREPARED, SCENE, taken
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._host import air_of_host, with_moving_end
+from cablepod.condensed._host import air_of_host
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
@@ -22,11 +24,14 @@ from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._ice import ice_thickness
 from cablepod.parameters._nonuniform import refuse_nonuniform
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import TimeFunction
 from cablepod.scene._warnings import warn_of_unusual
 from cablepod.wind._drag import STEP_OVER_DRAG_LIMIT
 
 #: Order of prepared models.
 ORDER = "leading"
+#: Motion that stands for an end moved by a host: the load pattern of its inertia belongs to the model.
+AT_REST = TimeFunction("polynomial", {"coefficients": [0.0]})
 #: Default step over the stability limit at rest: frequency errors of at most 0.3 %, in the highest mode.
 STEP_OVER_LIMIT = 0.125
 
@@ -111,7 +116,8 @@ def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order
         raise scene_error("order", order, f'"{ORDER}"; try: condensed.simulate')
     p = parameters_of(scene)
     _check_scene(p)
-    model = model_of(with_moving_end(p), modes, rank=rank, order=order, law="linear")
+    moving = p if p.motions else replace(p, motions={("upper", "y"): AT_REST})
+    model = model_of(moving, modes, rank=rank, order=order, law="linear")
     q, v = model.initial()
     tension = model.force(q, v, model.static_boundary_data)[2]
     return model, float(verlet_step_limit(np.sqrt(model.omega_max_squared(q, model.static_boundary_data, tension))))

@@ -132,15 +132,9 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
     arrays: Any = (_array(dataset, key) for key in fields)
     wind = str(dataset.attrs.get("wind_id", ""))
     state = _array(dataset, "state")
-    return StoredModel(
-        scene, modes, rank, order, step, HostCoefficients(*arrays), state, wind, _step_is_chosen(dataset)
-    )
-
-
-def _step_is_chosen(dataset: xr.Dataset) -> bool:
-    """Tell whether the history of a prepared model says that `prepare` chose its step."""
-    stages = provenance.stages_of(dataset)
-    return any(stage["function"] == FUNCTION and "step" in stage.get("chosen", ()) for stage in stages[-1:])
+    stages = provenance.stages_of(dataset)[-1:]
+    is_chosen = any(stage["function"] == FUNCTION and "step" in stage.get("chosen", ()) for stage in stages)
+    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), state, wind, is_chosen)
 
 
 def _array(dataset: xr.Dataset, key: str) -> np.ndarray:

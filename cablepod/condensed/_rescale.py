@@ -159,12 +159,6 @@ def _scale(factor: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
     return factor.reshape(factor.shape + (1,) * (coefficient.ndim + 1 - factor.ndim)) * coefficient
 
 
-@lru_cache(UNIT_MODELS)
-def kept_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
-    """Do :func:`rescaled_model` once for the same objects, see ``parameters._from_scene.SceneContent``."""
-    return rescaled_model(unit, p)
-
-
 def _turned_shapes(
     unit: CondensedModel, mass: np.ndarray, total: np.ndarray, by_load: np.ndarray, states: MemberStates
 ) -> tuple[dict[str, np.ndarray], list[np.ndarray], np.ndarray]:
@@ -265,3 +259,7 @@ def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     if not model.is_uniform or (model.order == "leading" and p.point_loads):
         return model  # computed from the modes; point loads: another profile of the slopes
     return RescaledModel(**{item.name: getattr(model, item.name) for item in fields(model)}, unit=unit)
+
+
+#: The same, kept for the same objects, see ``parameters._from_scene.SceneContent``.
+kept_model = lru_cache(UNIT_MODELS)(rescaled_model)

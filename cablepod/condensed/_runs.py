@@ -343,10 +343,8 @@ class CondensedRun(Run):
         stepper = CondensedStepper(self, steps_per_second, samples=samples)
         total = max(stepper.total, 1) if self.explicit else stepper.total
         # to leading order the arrays hold the chosen links only
-        extremes, chosen = (
-            (stepper.low, stepper.high) if stepper.low.size else None,
-            None if self.leading else self.links,
-        )
+        extremes = (stepper.low, stepper.high) if stepper.low.size else None
+        chosen = None if self.leading else self.links
         watch = self.watch(steps_per_second, total, extremes, with_end=not self.explicit, chosen=chosen)
         failed_step = advance_in_blocks(stepper.advance, stepper.changed, total, self.progress, watch)
         times = None

@@ -12,7 +12,7 @@ from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import check_common_times, check_members_of_field
 from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
-from cablepod.condensed._output import result_of
+from cablepod.condensed._output import attributes_of, dataset
 from cablepod.condensed._rescale import kept_model
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
@@ -179,7 +179,8 @@ def simulate(
         warn_of_velocity_jump(p)
         check_axis(modes, np.diff(p.initial_ends, axis=0)[0])
         solution = solve(kept_model(unit, p), request, request.progress)
-        result, used_tolerance = result_of(solution, modes, request, title), solution.tolerance
+        attrs, used_tolerance = attributes_of(solution, modes, request), solution.tolerance
+        result = dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)
         warn_condensed_out_of_range(result.attrs)
     return request.record(
         result,
