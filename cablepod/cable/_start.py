@@ -42,18 +42,14 @@ class CatenaryChain(LumpedChain):
 
     def loads(self, time: float | None = None) -> np.ndarray:
         """Return the forces on the particles (n + 1, dims) at time 0 [N]; those at both ends are not used."""
-        point = gauss_points(self.arc_length[::GAUSS_POINTS])
+        nodes = self.arc_length[::GAUSS_POINTS]
+        point = (nodes[:-1, None] + np.diff(nodes)[:, None] * gauss_rule(GAUSS_POINTS)[0]).ravel()
         result = np.zeros((self.links + 1, self.p.dims))
         result[1:-1] = np.diff(point)[:, None] * self.p.load_at(0.0)
         for load in self.p.point_loads:
             where = int(np.searchsorted(point, load.fraction * self.total_length))
             result[where] += load.force * (1.0 if load.factor is None else float(load.factor(0.0)))
         return result
-
-
-def gauss_points(arc_length: np.ndarray) -> np.ndarray:
-    """Return the points of Gauss's rule in all intervals between given arc lengths [m]."""
-    return (arc_length[:-1, None] + np.diff(arc_length)[:, None] * gauss_rule(GAUSS_POINTS)[0]).ravel()
 
 
 def catenary_chain(mesh: SpectralMesh, nodes: np.ndarray) -> CatenaryChain:

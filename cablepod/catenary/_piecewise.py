@@ -230,11 +230,6 @@ def quantity(key: str, force: np.ndarray, loads: np.ndarray) -> np.ndarray:
     return size_of(force - along[..., None] * loads)
 
 
-def is_slack_weightless(p: Parameters, length: float) -> bool:
-    """Tell whether a cable of a length [m] is longer than its chord and has no load."""
-    return has_no_shape(pieces_of(p, length), p.initial_ends[1] - p.initial_ends[0])
-
-
 def has_no_shape(pieces: Pieces, chord: np.ndarray) -> bool:
     """Tell whether pieces are longer than their chord (dims,) [m] and have no load."""
     is_slack = float(pieces.length.sum()) > float(size_of(chord))

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from cablepod.catenary._formulas import FOUND, SLACK_WEIGHTLESS
-from cablepod.catenary._piecewise import PiecewiseCatenary, is_piecewise, is_slack_weightless, pieces_of
+from cablepod.catenary._piecewise import PiecewiseCatenary, has_no_shape, is_piecewise, pieces_of
 from cablepod.catenary._piecewise_solve import solve_pieces
 from cablepod.catenary._sag import force_of_sag, forces_of_sags, sag_of
 from cablepod.catenary._uniform import LoadPlane, check_solved, resolved, solve_catenaries, solve_catenary
@@ -67,8 +67,10 @@ def piecewise_statics(p: Parameters, key: str, value: float, *, prefix: str = "c
         As :func:`solve_statics`.
     """
     key, value = _as_tensioned(p, key, value, prefix)
-    if key == "unstretched_length" and "points" in p.initial and prefix == "cable" and is_slack_weightless(p, value):
-        return PiecewiseCatenary(pieces_of(p, value), np.full(p.dims, np.nan))
+    if key == "unstretched_length" and "points" in p.initial and prefix == "cable":
+        pieces = pieces_of(p, value)
+        if has_no_shape(pieces, p.initial_ends[1] - p.initial_ends[0]):
+            return PiecewiseCatenary(pieces, np.full(p.dims, np.nan))
     return solve_pieces(p, key, float(value), f"{prefix}.{key}")
 
 

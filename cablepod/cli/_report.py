@@ -163,14 +163,10 @@ def answers_text(study: xr.DataTree) -> str:
         used = printed(found["utilisation"], "%", 3)
         lines.append(f"             utilisation {used}: the largest over the breaking strength of {strength}")
     if "tension" in study:
-        lines += _statistics_text(found["tension"])
+        of_ends = found["tension"]
+        lines += [f"in the wind  {part_of_run(of_ends)}; {fatigue_text(of_ends)}", f"             tension [kN]{HEADS}"]
+        lines += [f"             {end + ' end':<12}{columns(of_ends[end])}" for end in reversed(ENDS)]
     return "\n".join(lines + [f"note         {note}" for note in note_lines(study["summary"].to_dataset())])
-
-
-def _statistics_text(found: dict[str, Any]) -> list[str]:
-    """Return the statistics of a cable in the wind as lines, a row for each end."""
-    lines = [f"in the wind  {part_of_run(found)}; {fatigue_text(found)}", f"             tension [kN]{HEADS}"]
-    return lines + [f"             {end + ' end':<12}{columns(found[end])}" for end in reversed(ENDS)]
 
 
 def _vibrations(found: dict[str, Any], ending: str = "") -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
@@ -126,13 +126,10 @@ class Run:
             Further fields of :class:`ComparableRuns`.
         """
         rate = rounded(1.0 / self.resolving(step))
-        run = self._judged_at(judged_instants(self.times, rate))
+        judged = judged_instants(self.times, rate)
+        run = self if judged is None else replace(self, judged=judged)
         about: dict[str, Any] = {"has_kinks": self.has_kinks, "finish": self.at_output_times}
         return ComparableRuns(run, self.compared, self.motion, rate, self.end_time, self.cells.links, **about | options)
-
-    def _judged_at(self, judged: np.ndarray | None) -> Self:
-        """Return this run with further instants at which runs are compared [s], if there are some."""
-        return self if judged is None else replace(self, judged=judged)
 
     def at_output_times(self, state: Any) -> Any:
         """Return a trajectory without the further instants at which runs are compared."""

@@ -81,11 +81,6 @@ def times_of_breaks(p: MastParameters) -> np.ndarray:
     return np.array([np.inf if guy.breaks is None else guy.breaks for guy in p.guys])
 
 
-def steps_in(interval: float, longest: float) -> int:
-    """Return the number of steps of an interval [s] that are not longer than `longest` [s]."""
-    return int(np.ceil(interval / longest * (1.0 - ROUNDING)))
-
-
 def request_of(
     times: np.ndarray,
     default_step: float,
@@ -109,7 +104,7 @@ def request_of(
     interval = float(times[1] - times[0]) if times.size > 1 else float(times[0])
     if times[0] != 0.0 or times.size < 2 or np.abs(np.diff(times) / interval - 1.0).max() > ROUNDING * times.size:
         raise scene_error("times", times, "equally spaced instants from 0 on [s]")
-    every = max(1, steps_in(interval, default_step))
+    every = max(1, int(np.ceil(interval / default_step * (1.0 - ROUNDING))))
     if step is not None:
         every = round(interval / step)
         if every < 1 or abs(interval / step - every) > ROUNDING * every:

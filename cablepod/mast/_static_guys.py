@@ -17,7 +17,6 @@ from cablepod.catenary._statics import length_as_tensioned, solve_statics
 from cablepod.catenary._uniform import resolved, solve_catenaries
 from cablepod.discretisation._lifting import weights_of_ends
 from cablepod.mast._piecewise_guys import in_mean_wind, still_pieces
-from cablepod.parameters._guys import Guy
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import Parameters, ramp_of
 from cablepod.scene._mast_field import GUY_POINTS
@@ -135,19 +134,12 @@ def static_guys(p: MastParameters) -> list[StaticGuy]:
     """Return the guys of the straight mast in still air, with ice."""
     guys = []
     for guy in p.guys:
-        length = unstretched_length_of(guy)
+        # tensioned on the straight mast in still air without ice, at the reference temperature
+        given = guy.p.bare or guy.p
+        length = length_as_tensioned(guy.p, given.length_key, given.length_value, prefix=guy.key)
         own = replace(guy.p, length_key="unstretched_length", length_value=length, bare=None)
         guys.append(StaticGuy(own, length, pieces=still_pieces(own, length), key=guy.key))
     return guys
-
-
-def unstretched_length_of(guy: Guy) -> float:
-    """Return the unstretched length of a guy [m].
-
-    It follows from its tension on the straight mast in still air without ice, at the reference temperature.
-    """
-    given = guy.p.bare or guy.p
-    return length_as_tensioned(guy.p, given.length_key, given.length_value, prefix=guy.key)
 
 
 def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | None = None) -> list[StaticGuy]:

@@ -310,12 +310,7 @@ def meets_parent(branch: Branch) -> bool:
     if branch.asymmetric is None or len(branch.points) <= LOOP_POINTS:
         return False
     first, second = (branch.asymmetric(point.state) for point in branch.points[-2:])
-    return _opposite(first, second)
-
-
-def _opposite(first: np.ndarray, second: np.ndarray) -> bool:
-    """Return whether two arrays, the shorter one padded by zeros, point in opposite directions."""
-    count = min(first.size, second.size)
+    count = min(first.size, second.size)  # zeros beyond
     return bool(first[:count] @ second[:count] < 0.0)
 
 

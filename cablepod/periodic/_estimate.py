@@ -22,6 +22,8 @@ from cablepod.periodic._solve import Solver, State
 MORE_MODES = 2
 #: Number of points in each direction within which a bifurcation is looked for.
 POINTS = 30
+#: Number of phases of a forcing period at which orbits are compared.
+PHASES = 128
 FOUND = "found"
 
 
@@ -87,7 +89,7 @@ def transferred(state: State, model: PeriodicModel, rich: PeriodicModel, vector:
     return State(z, state.planar, coefficients.shape[1], state.periods)
 
 
-def orbit_error(solver: Solver, state: State, rich: Solver, phases: int = 128) -> float:
+def orbit_error(solver: Solver, state: State, rich: Solver) -> float:
     """Return the largest rms distance of an orbit from that of the richer model over a period, over its largest rms motion.
 
     It is nan where the richer model has no orbit nearby.
@@ -99,7 +101,7 @@ def orbit_error(solver: Solver, state: State, rich: Solver, phases: int = 128) -
         return np.nan
     if iterations < 0:
         return np.nan
-    count = phases * state.periods
+    count = PHASES * state.periods
     first, second = (
         fields.deflections(each.model, fields.coordinates(each.model, one, count))
         for each, one in ((solver, state), (rich, found))

@@ -14,7 +14,7 @@ from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _output as output
-from cablepod.periodic._continuation import POINTS, Branch, Limits, Point, adapted_at, distance, trace
+from cablepod.periodic._continuation import POINTS, Branch, Limits, adapted_at, distance, trace
 from cablepod.periodic._events import DOUBLING, Event, entering, first_point, leaving
 from cablepod.periodic._frequency_output import labelled
 from cablepod.periodic._general import solver_of
@@ -110,7 +110,7 @@ def frequency_response(
     """
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     wanted = given_names("outputs", outputs, OUTPUTS)
-    low, high = frequency_range("frequency", frequency)
+    low, high = frequency_range(frequency)
     integer(least=2)("points", points)
     if harmonics is not None:
         integer(least=2, most=MAX_HARMONICS)("harmonics", harmonics)
@@ -140,7 +140,7 @@ def frequency_response(
     return result
 
 
-def frequency_range(key: str, given: Any) -> tuple[float, float]:
+def frequency_range(given: Any) -> tuple[float, float]:
     """Check the ends of a range of angular frequencies [rad/s].
 
     Raises
@@ -148,6 +148,7 @@ def frequency_range(key: str, given: Any) -> tuple[float, float]:
     SceneError
         If they are no positive finite numbers, not in order, or have other units.
     """
+    key = "frequency"
     check_units(key, given, "rad s-1")
     try:
         first, second = given
@@ -157,11 +158,6 @@ def frequency_range(key: str, given: Any) -> tuple[float, float]:
     if not low < high:
         raise scene_error(key, (low, high), "two different angular frequencies [rad/s], the lower one first")
     return low, high
-
-
-def _are_one(first: State, second: State) -> bool:
-    """Return whether two states are the same solution."""
-    return float(np.linalg.norm(distance(first, second))) < SAME_RTOL * float(np.linalg.norm(second.z))
 
 
 class _Study:
@@ -213,8 +209,9 @@ class _Study:
             if found and self._is_over():
                 break
             state, direction, iterations = adapted_at(self.solver, grown_from_rest(self.solver, omega, self.harmonics))
+            same = SAME_RTOL * float(np.linalg.norm(state.z))
             ends = (branch.points[-1].state for branch in self.branches if branch.points)
-            if iterations < 0 or any(_are_one(end, state) for end in ends):
+            if iterations < 0 or any(float(np.linalg.norm(distance(end, state))) < same for end in ends):
                 continue
             if sign * direction[-1] < 0.0:
                 direction = -direction
@@ -278,7 +275,9 @@ class _Study:
         enter = entering(self.solver, self.events)
 
         def on_point(branch: Branch, is_least: bool) -> bool:
-            self._tell(branch.points[-1])
+            if len(self.branches) == 1:  # the share of the range that the main branch has passed
+                share = (branch.points[-1].state.omega - self.low) / (self.high - self.low)
+                self.progress(0.9 * min(max(share, 0.0), 1.0))
             return enter(branch, is_least)
 
         limits = Limits(
@@ -287,8 +286,3 @@ class _Study:
         if limits.points < 2:
             branch.ended = POINTS
         trace(self.solver, branch, state, direction, limits, on_point)
-
-    def _tell(self, point: Point) -> None:
-        """Report progress: the share of the range that the main branch has passed, at most 0.9."""
-        if len(self.branches) == 1:
-            self.progress(0.9 * min(max((point.state.omega - self.low) / (self.high - self.low), 0.0), 1.0))

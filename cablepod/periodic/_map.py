@@ -182,7 +182,9 @@ def compute_map(
 
     todo, harmonics = np.arange(omega.size), HARMONICS
     while todo.size:
-        own_strides, again = _strides(scaled[todo], base.fastest_rate, 4 * harmonics + 4, most), []
+        samples, again = 4 * harmonics + 4, []
+        wanted = strides(2.0 * np.pi / scaled[todo], base.fastest_rate, samples)
+        own_strides = np.minimum(wanted, max(MIN_STRIDE, most // samples))
         for stride in np.unique(own_strides).tolist():
             columns = todo[own_strides == stride]
             own = np.ones(columns.size, dtype=bool)
@@ -208,8 +210,3 @@ def changes(kind: np.ndarray) -> list[tuple[int, int, int]]:
     unstable, known = kind > STABLE, kind != FAILED
     change = (unstable[..., 1:] != unstable[..., :-1]) & known[..., 1:] & known[..., :-1]
     return [(k, a, f) for k, a, f in np.argwhere(change).tolist()]
-
-
-def _strides(omega: np.ndarray, highest: float, samples: int, most: int) -> np.ndarray:
-    """Return the numbers of steps of the scheme for multipliers for each sample, at most `most` in all."""
-    return np.minimum(strides(2.0 * np.pi / omega, highest, samples), max(MIN_STRIDE, most // samples))

@@ -18,7 +18,7 @@ from cablepod.periodic._continuation import adapted_at
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import each_member, given_names, model_of
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
+from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State, sets_of
 from cablepod.periodic._start import grown_from_rest
 from cablepod.pod._normal import SETS
 
@@ -237,6 +237,7 @@ def labelled(solver: Solver, state: State, wanted: Sequence[str]) -> xr.Dataset:
             f"{stability.smallest_force:.3g} N); try other amplitudes, or compare with chain.simulate{model.remedy}"
         )
     duration = 2.0 * np.pi * state.periods / omega
+    sets = [name for name, which in sets_of(model, state) for _ in range(which.start, which.stop)]
     variables: dict[str, Any] = {
         "angular_frequency": ((), omega),
         **output.per_set(model, "amplitude", ("time",), fields.mode_amplitudes(model, closed)),
@@ -245,7 +246,7 @@ def labelled(solver: Solver, state: State, wanted: Sequence[str]) -> xr.Dataset:
         "growth": ((), float(np.log(np.abs(mu).max())) / duration),
         "multiplier_real": (("multiplier",), mu.real),
         "multiplier_imag": (("multiplier",), mu.imag),
-        "multiplier_set": (("multiplier",), output.set_names(model, state)),
+        "multiplier_set": (("multiplier",), sets),
     }
     if {"position", "tension", "tension_extremes"} & set(wanted):
         stretch, force, squared = fields.close_chord(model, closed, omega, phase)

@@ -14,7 +14,7 @@ from cablepod.errors import OutOfRangeWarning, RunStopped, warn
 from cablepod.integrate._output import middles_of, particle_coordinates
 from cablepod.periodic._fields import mode_amplitudes
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import State, sets_of
+from cablepod.periodic._solve import State
 from cablepod.pod._normal import SETS
 from cablepod.reduced._validity import MAX_FORCING_RATIO, first_axial_frequency
 
@@ -108,11 +108,6 @@ def harmonic_variables(model: PeriodicModel, state: State) -> dict[str, Any]:
     return per_set(model, "harmonic_cosine", ("harmonic",), mode_amplitudes(model, cosine)) | per_set(
         model, "harmonic_sine", ("harmonic",), mode_amplitudes(model, sine)
     )
-
-
-def set_names(model: PeriodicModel, state: State) -> list[str]:
-    """Return the set of coordinates of each multiplier."""
-    return [name for name, which in sets_of(model, state) for _ in range(which.start, which.stop)]
 
 
 def significant_harmonic(state: State) -> float:

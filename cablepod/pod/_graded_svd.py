@@ -78,11 +78,6 @@ def _leading_factor(scaled: np.ndarray) -> np.ndarray:
     return np.tril(lower[: weak[0], : weak[0]] if weak.size else lower)
 
 
-def principal(gram: np.ndarray) -> np.ndarray:
-    """Return the eigenvectors of a Gram matrix, largest first, from the SVD of its factor."""
-    return np.linalg.svd(graded_factor(gram))[2].T
-
-
 def graded_svd(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return singular values, largest first, and right singular vectors of a square matrix with graded columns."""
     if not factor.any():

@@ -34,7 +34,6 @@ from cablepod.pod._graded_svd import (
     graded_svd,
     is_well_conditioned,
     orthonormal,
-    principal,
 )
 from cablepod.pod._svd_methods import EPSILON
 
@@ -226,7 +225,8 @@ class IncrementalSVD:
             if not is_well_conditioned(total):
                 old_axes, factor = self.axes, graded_factor(self.gram)
                 for _ in range(4):  # each rotation resolves directions that were below the rounding of the larger rows
-                    axes = orthonormal(self.axes @ principal(total))
+                    principal = np.linalg.svd(graded_factor(total))[2].T  # largest first
+                    axes = orthonormal(self.axes @ principal)
                     transformed = change_basis(factor, old_axes, axes)
                     total = transformed.T @ transformed + gram_in(axes)
                     self.axes = axes

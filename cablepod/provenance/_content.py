@@ -131,11 +131,6 @@ def weights(count: int) -> np.ndarray:
     return np.where(z & np.uint64(1), size, -size)
 
 
-def is_chunked(variable: xr.Variable) -> bool:
-    """Tell whether a variable is a dask array, which is not computed here."""
-    return not is_in_memory(variable) and variable.chunks is not None  # the second takes longer than the hash
-
-
 def content_of_variable(variable: xr.Variable, labels: Any = None, *, sums: bool = True) -> VariableContent | None:
     """Return the content of a variable, None of a chunked one; one that is read on demand is not kept in memory.
 

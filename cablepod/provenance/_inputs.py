@@ -19,7 +19,7 @@ from cablepod.provenance._content import (
     content_of,
     content_of_variable,
     digest,
-    is_chunked,
+    is_in_memory,
     is_scene,
     own_hash,
     total_hash,
@@ -120,15 +120,11 @@ def _found(
         else:
             same = list(variable.shape) == entry[1]
             hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
-            if entry[0] != UNKNOWN and not _is_read(variable):
+            # computed from what was read, and not as it was read or divided
+            if entry[0] != UNKNOWN and not all(str(layer).startswith(AS_READ) for layer in variable.data.dask.layers):
                 hashes[name] = _short([hashes[name], str(variable.data.name)])
     attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
-
-
-def _is_read(variable: xr.Variable) -> bool:
-    """Tell whether a chunked variable is as it was read or divided, and not computed from what was read."""
-    return all(str(layer).startswith(AS_READ) for layer in variable.data.dask.layers)
 
 
 def _differing(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> list[str]:
@@ -172,9 +168,9 @@ def _changed(
     parameters = {"differs": changed, **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
     parameters |= _not_computed(found)
     if is_scene(dataset):
-        values = _small_values(dataset, changed)
-        if len(values) == len(changed):
-            parameters["values"] = values
+        variables = _by_text(dataset)
+        if all(variables[name].size <= MAX_HISTORY_ITEMS for name in changed):  # from which the scene can be made again
+            parameters["values"] = {name: _with_dims(variables[name]) for name in changed}
     elif found.attributes != recorded["attributes"]:
         parameters["attributes"] = "differ"
     elif not found.chunked and (labels := _labels(dataset, changed, recorded)):
@@ -211,7 +207,7 @@ def _extent(dataset: xr.Dataset) -> dict[str, Any]:
     """Return sizes, and first and last instant [s] of a Dataset."""
     extent: dict[str, Any] = {"sizes": {str(name): int(size) for name, size in dataset.sizes.items()}}
     time = dataset.variables.get("time")
-    if time is not None and time.size and time.dtype.kind in "fiu" and not is_chunked(time):
+    if time is not None and time.size and time.dtype.kind in "fiu" and (is_in_memory(time) or time.chunks is None):
         ends = [float(value) for value in np.asarray(time.values).reshape(-1)[[0, -1]]]
         extent |= {
             name: value
@@ -223,12 +219,6 @@ def _extent(dataset: xr.Dataset) -> dict[str, Any]:
 
 def _not_computed(found: _Found) -> dict[str, Any]:
     return {"not_computed": sorted(found.chunked)} if found.chunked else {}
-
-
-def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
-    """Return the values of short variables, from which they can be made again."""
-    variables = _by_text(dataset)
-    return {name: _with_dims(variables[name]) for name in names if variables[name].size <= MAX_HISTORY_ITEMS}
 
 
 def _labels(dataset: xr.Dataset, names: Any, recorded: Mapping[str, Any]) -> dict[str, Any]:

@@ -82,20 +82,15 @@ def start(chain: LumpedChain) -> np.ndarray:
                     f"equilibrium or initial.points, as the links of that shape are {_lengthened(length, chain.total_length)} "
                     "these rigid ones all together",
                 )
+    chord = float(np.hypot.reduce(np.diff(p.initial_ends, axis=0)[0]))
     if "points" in p.initial:
         position = place_on_polyline(chain, np.asarray(p.initial["points"], dtype=float))
-    elif p.free_end is not None and _straight(chain):
+    elif p.free_end is not None and abs(chord / chain.total_length - 1.0) <= LENGTH_TOLERANCE:
         position = march_links(chain, p.initial_ends)
     else:
         position = rest_shape(chain)[0]
     _check_lengths(chain, position)
     return position
-
-
-def _straight(chain: LumpedChain) -> bool:
-    """Whether the distance of the ends at the start equals the length of the chain."""
-    chord = np.diff(chain.p.initial_ends, axis=0)[0]
-    return abs(float(np.hypot.reduce(chord)) / chain.total_length - 1.0) <= LENGTH_TOLERANCE
 
 
 def _check_lengths(chain: LumpedChain, position: np.ndarray) -> None:

@@ -12,7 +12,7 @@ from cablepod.catenary._sag import least_sag
 from cablepod.catenary._statics import length_and_strain, load_plane
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._nonuniform import attachment_fractions
-from cablepod.parameters._parameters import Parameters, count_instants
+from cablepod.parameters._parameters import Parameters, count_instants, has_record
 from cablepod.parameters._time_functions import TimeFunction, check_reach
 
 #: Maximum strain (natural rubber breaks at 5 to 8; a larger strain is a wrong number, such as a modulus in GPa).
@@ -33,10 +33,13 @@ def check_numbers(p: Parameters) -> None:
     check_functions(p.time_functions(), p.duration or 0.0)
     _check_statics(p)
     if p.wind is not None:
-        from cablepod.scene._wind_field import check_above_ground, check_wind_record  # needed by wind only
+        from cablepod.scene import _wind_field  # needed by wind only
 
-        check_above_ground(p)
-        check_wind_record(p)
+        _wind_field.check_above_ground(p)
+        if has_record(p):
+            _wind_field.checked_field(
+                p, p.duration or 0.0, _wind_field.field_of_record(p), _wind_field.key_of_record(p)
+            )
     instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
     check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
 

@@ -26,6 +26,7 @@ from cablepod.parameters._mast_keys import (
     SHARED_TABLES,
 )
 from cablepod.parameters._nonuniform import attachment_fractions
+from cablepod.parameters._parameters import has_record
 from cablepod.scene._check import (
     check_attachments,
     check_chain,
@@ -35,10 +36,11 @@ from cablepod.scene._check import (
     listed,
 )
 from cablepod.scene._limits import MAX_STRAIN, check_functions
-from cablepod.scene._mast_field import check_mast_record
+from cablepod.scene._mast_field import at_mast_points
 from cablepod.scene._mast_notes import guy_hint
 from cablepod.scene._strands import with_strand
 from cablepod.scene._wind import check_wind
+from cablepod.scene._wind_field import field_of_record, key_of_record
 
 #: A scene with a mast, as an argument.
 MAST_SCENE = Kind(
@@ -176,4 +178,5 @@ def check_mast_numbers(p: MastParameters) -> None:
                 bare.length_value,
                 f"a strain of at most {MAX_STRAIN:g} at rest (it is {strain:.3g}){guy_hint(guy)}",
             )
-    check_mast_record(p)
+    if has_record(p):
+        at_mast_points(p, p.duration or 0.0, field_of_record(p), key_of_record(p))

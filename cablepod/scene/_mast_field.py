@@ -10,12 +10,9 @@ import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._mast import MastParameters
-from cablepod.parameters._parameters import has_record
 from cablepod.scene._wind_field import (
     by_axes,
     checked_field,
-    field_of_record,
-    key_of_record,
     linear_between,
     positions_of,
 )
@@ -54,18 +51,6 @@ def mast_points(p: MastParameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 "wind.ground", ground, f"at most the lowest anchor and the foot of the mast, {lowest:g} m"
             )
     return position, number, relative
-
-
-def check_mast_record(p: MastParameters) -> None:
-    """Refuse a record that has no points on the mast and its guys, or does not cover the duration.
-
-    Raises
-    ------
-    SceneError
-        The message begins with the key of the record.
-    """
-    if has_record(p):
-        at_mast_points(p, p.duration or 0.0, field_of_record(p), key_of_record(p))
 
 
 def at_mast_points(

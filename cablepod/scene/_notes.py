@@ -342,11 +342,6 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
     return path, f"{path} = {values.get(key, scaled.length_value):.6g} ({given})"
 
 
-def hint(p: Parameters) -> str:
-    """Return the remedy "; try: ..." of the error of a scene whose refusal one key in another unit explains; else empty."""
-    return remedy(likely_keys(p))
-
-
 def remedy(changes: list[tuple[str, str]]) -> str:
     """Return the end of a message, "; try: ...", with the changes of :func:`likely_keys`; empty without any."""
     return f"; try: {' or '.join(text for _, text in changes)}" if changes else ""

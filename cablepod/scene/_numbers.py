@@ -9,7 +9,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._limits import check_numbers, check_times
 from cablepod.scene._mast import check_mast_numbers
-from cablepod.scene._notes import hint
+from cablepod.scene._notes import likely_keys, remedy
 
 
 def check_scene(scene: xr.Dataset) -> None:
@@ -31,5 +31,5 @@ def check_scene(scene: xr.Dataset) -> None:
     try:
         check_numbers(p)
     except SceneError as error:
-        error.args = (f"{error}{hint(p)}",)
+        error.args = (f"{error}{remedy(likely_keys(p))}",)
         raise

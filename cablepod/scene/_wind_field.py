@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod._inputs import check_units
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, named, scene_error
-from cablepod.parameters._parameters import InWind, Parameters, has_record
+from cablepod.parameters._parameters import InWind, Parameters
 from cablepod.parameters._time_functions import MAX_GAP
 from cablepod.scene._files import read_bytes
 
@@ -56,18 +56,6 @@ def field_of_record(p: InWind) -> xr.Dataset:
     """
     assert p.turbulence is not None
     return _field(str(p.turbulence["record"]), str(p.turbulence["record_sha256"]))
-
-
-def check_wind_record(p: Parameters) -> None:
-    """Refuse a record that does not belong to the cable, or does not cover the duration.
-
-    Raises
-    ------
-    SceneError
-        As :func:`checked_field`.
-    """
-    if has_record(p):
-        checked_field(p, p.duration or 0.0, field_of_record(p), key_of_record(p))
 
 
 def check_above_ground(p: Parameters, position: np.ndarray | None = None) -> None:

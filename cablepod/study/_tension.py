@@ -93,6 +93,9 @@ def tension_in_wind(
     counted = series.isel(time=within(series["time"].values, window))
     peak = counted["time"].values[counted.values.argmax(axis=0)]
     largest = float(reference["tension_maximum"].max())
+    of_run = {name: reference[name].min() for name in OF_THE_RUN} | {
+        "tension_maximum": reference["tension_maximum"].max()
+    }
     table = xr.Dataset(
         {
             "end_tension": series,
@@ -102,7 +105,7 @@ def tension_in_wind(
             "end_tension_maximum": ("end", ends["tension_maximum"].values),
             "end_tension_maximum_time": ("end", peak),
             "fatigue_range": fatigue.equivalent(counted, exponent=EXPONENT, frequency=FREQUENCY),
-            **{name: ((), float(_of_all_links(reference, name))) for name in OF_THE_RUN},
+            **{name: ((), value.item()) for name, value in of_run.items()},
             **({} if p.breaking_strength is None else {"utilisation": ((), largest / p.breaking_strength)}),
         }
     )
@@ -119,9 +122,3 @@ def start_of_statistics(ramps: Iterable[Any], end: float) -> float:
     """Return the instant at which the last ramp ends [s]; 0, for the whole run, without one or if too little is left then."""
     last = max((float(ramp) for ramp in ramps), default=0.0)
     return last if end - last >= LEAST_PART * end else 0.0
-
-
-def _of_all_links(reference: xr.Dataset, name: str) -> xr.DataArray:
-    """Return an extreme over all links, or its time or place."""
-    values = reference[name]
-    return values.max() if name == "tension_maximum" else values.min()

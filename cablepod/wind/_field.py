@@ -155,7 +155,7 @@ def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray |
     check_units("points", points, "m")
     if isinstance(points, xr.DataArray):
         points = _by_labels(points)
-    given = np.asarray(points).tolist() if _is_array(points) else points
+    given = np.asarray(points).tolist() if isinstance(points, np.ndarray | xr.DataArray) else points
     if not isinstance(given, list | tuple) or not given:
         raise scene_error("points", points, "a list of positions [m]")
     places = [point(f"points[{number}]", place) for number, place in enumerate(given)]
@@ -181,10 +181,6 @@ def _by_labels(points: xr.DataArray) -> xr.DataArray:
         if label.dims == (name,) and sorted(map(str, label.values)) == list(COORDINATES[: label.size]):
             return points.sortby(str(name)).transpose(..., name)
     return points
-
-
-def _is_array(points: Any) -> bool:
-    return isinstance(points, np.ndarray | xr.DataArray)
 
 
 def _with_seed(p: Any, seed: int) -> Any:
