@@ -1,7 +1,5 @@
 """Compiled drag of the wind on the nodes of the spectral elements, with relative velocity."""
 
-from __future__ import annotations
-
 from cablepod._jit import compiled
 from cablepod.chain._kernels_attached import add_bodies
 from cablepod.wind._kernels_drag import relative_velocity, sample_at, straight_drag

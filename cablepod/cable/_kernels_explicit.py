@@ -3,8 +3,6 @@
 Arrays as in :mod:`cablepod.cable._kernels_arguments`.
 """
 
-from __future__ import annotations
-
 from cablepod._jit import compiled
 from cablepod.cable._kernels_air import add_drag
 from cablepod.cable._kernels_forces import (

@@ -14,8 +14,6 @@ A given end tension T1 fixes T by a quadratic, (T1 - T)(K + T) = q b K / 2, a ho
 eta + e tanh(eta) = q a / (2 H).
 """
 
-from __future__ import annotations
-
 import math
 
 UPPER_TENSION, LOWER_TENSION, HORIZONTAL_FORCE, LENGTH = range(4)

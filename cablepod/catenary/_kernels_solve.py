@@ -1,7 +1,5 @@
 """Compiled solution of many elastic catenaries, with the functions of ``_formulas.py``."""
 
-from __future__ import annotations
-
 from numba.extending import register_jitable
 
 from cablepod._jit import compiled

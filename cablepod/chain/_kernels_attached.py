@@ -4,8 +4,6 @@ A damper acts at the middle of two half steps of the explicit scheme and is solv
 the step.
 """
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import compiled

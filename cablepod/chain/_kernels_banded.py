@@ -3,8 +3,6 @@
 Both eliminate from the ends towards the middle: two independent chains of operations, which halve the time.
 """
 
-from __future__ import annotations
-
 from cablepod._jit import FUSED, compiled
 
 # --- planar -----------------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Compiled drag of the wind on the particles of a chain, with relative velocity."""
 
-from __future__ import annotations
-
 from cablepod._jit import compiled
 from cablepod.chain._kernels_attached import add_body_drag
 from cablepod.chain._kernels_layout import BASE_X, DRAG_PER_MASS, DRAG_X, LINE, PER_MASS, VX, X

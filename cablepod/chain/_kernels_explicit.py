@@ -9,8 +9,6 @@ in the loops with zero increments, so that every loop begins at index 0: a loop 
 vectorised.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

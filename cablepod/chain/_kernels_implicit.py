@@ -5,8 +5,6 @@ the tangent is block tridiagonal with blocks of 2 x 2 or 3 x 3.  All lanes itera
 corrected, so that each member takes the iterations of its run alone.
 """
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import compiled

@@ -3,8 +3,6 @@
 Loops run over all links of all lanes, j lanes + m; arrays as in :mod:`cablepod.chain._kernels_arguments`.
 """
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import compiled

@@ -3,8 +3,6 @@
 Arrays as in :mod:`cablepod.chain._kernels_arguments`.
 """
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import REORDERED, compiled

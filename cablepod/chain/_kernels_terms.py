@@ -4,8 +4,6 @@ The state of a run is one array with a row for each quantity, see :mod:`cablepod
 third coordinate, None without.
 """
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import compiled

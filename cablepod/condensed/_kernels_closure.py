@@ -4,8 +4,6 @@ Members lie in lanes, the last dimension of all arrays, which are flat: entry (j
 run alone is one lane.  Every scheme, single runs, batches, hosts and the error estimate call these functions.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled

@@ -3,8 +3,6 @@
 It is the law of :func:`cablepod.wind._kernels_drag.straight_drag` in components of t x u.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

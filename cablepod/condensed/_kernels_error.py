@@ -5,8 +5,6 @@ from F at y, the error e obeys e'' = D + F(y + e) - y'' - c y' - c e'.  Forces a
 have a leading dimension of members.
 """
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import FAST_DIVISION, compiled

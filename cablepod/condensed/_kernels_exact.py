@@ -1,7 +1,5 @@
 """Compiled forces of the condensed model with the exact chordwise stretch, and its steps by velocity Verlet."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled closure: chordwise stretch and chord tension H for a given distance of the ends."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

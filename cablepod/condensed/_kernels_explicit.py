@@ -4,8 +4,6 @@ The schemes know no physics: terms are in :mod:`cablepod.condensed._kernels_clos
 :mod:`cablepod.condensed._kernels_recorder`.  Members lie in lanes, as there.
 """
 
-from __future__ import annotations
-
 from cablepod._jit import FUSED, compiled
 from cablepod.condensed._kernels_closure import _forces
 from cablepod.condensed._kernels_rates import _add_held_drag, _add_rate_forces, _apply_dampers

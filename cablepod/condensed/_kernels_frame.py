@@ -1,7 +1,5 @@
 """Compiled boundary data of the chord frame, chord length and projected loads, also of members side by side."""
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import compiled

@@ -16,8 +16,6 @@ with the chord c, the loads h_0 + h_1 sigma along the normal, the moments m_i of
 of a mode at the end is in it: few modes give slopes badly.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled implicit steps of the condensed model by the trapezoidal rule: to leading order, and with the exact stretch."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import compiled

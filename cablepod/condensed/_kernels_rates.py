@@ -1,7 +1,5 @@
 """Compiled forces of the condensed model that depend on rates, in a run alone: damping, and drag that is held over steps."""
 
-from __future__ import annotations
-
 from cablepod._jit import FUSED, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions, _geometric_forces
 from cablepod.condensed._kernels_drag import _add_body_drag, _add_drag_at, _extrapolate_drag

@@ -1,7 +1,5 @@
 """Compiled records of a run to leading order: extremes of force and frequency, and tensions of links."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled solver of small dense systems."""
 
-from __future__ import annotations
-
 from cablepod._jit import compiled
 
 

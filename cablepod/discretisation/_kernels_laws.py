@@ -1,7 +1,5 @@
 """Compiled formulas, see ``_formulas.py``."""
 
-from __future__ import annotations
-
 from cablepod._jit import compiled
 from cablepod.discretisation import _formulas
 

@@ -1,7 +1,5 @@
 """Compiled damping forces of given ratios on the nodes of a cable."""
 
-from __future__ import annotations
-
 from cablepod._jit import REORDERED, compiled
 from cablepod.discretisation._kernels_laws import on_line
 

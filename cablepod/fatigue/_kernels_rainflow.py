@@ -1,7 +1,5 @@
 """Compiled rainflow counting by ASTM E1049-85, section 5.4.4."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import compiled

@@ -1,7 +1,5 @@
 """Compiled strain energy of the Galerkin model: gradients in polynomial form and on the links."""
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import FAST_DIVISION, compiled

@@ -1,7 +1,5 @@
 """Compiled velocity Verlet steps of the Galerkin model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled

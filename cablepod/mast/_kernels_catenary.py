@@ -1,7 +1,5 @@
 """Compiled term of static guys: their forces as a table of the distance of their ends."""
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import FAST_DIVISION, compiled

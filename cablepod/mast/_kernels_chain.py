@@ -1,7 +1,5 @@
 """Compiled term of guys that are chains of lumped masses and elastic links, by explicit leapfrog steps."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ Guys are the last dimension of their arrays, padded to whole groups of lanes.  L
 no other row, so that they become a few instructions; modes are padded to multiples of four, which are taken together.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

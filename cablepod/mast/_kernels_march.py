@@ -1,7 +1,5 @@
 """Compiled run of a mast: one loop for all kinds of guys, whose terms fill the forces on the mast."""
 
-from __future__ import annotations
-
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.mast._kernels_catenary import _static_forces
 from cablepod.mast._kernels_chain import _advance_chains

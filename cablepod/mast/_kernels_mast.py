@@ -4,8 +4,6 @@ The rates v of the modal coordinates a go from the middle of one step to that of
 makes the frequencies of the mast exact and the damping at the middle of both.  The number of modes is even.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

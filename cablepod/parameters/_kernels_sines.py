@@ -1,7 +1,5 @@
 """Compiled harmonic motions of the ends at equidistant steps, members in lanes: the last dimension of all arrays."""
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import compiled

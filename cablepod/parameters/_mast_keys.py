@@ -1,7 +1,5 @@
 """Keys of a scene with a mast and its guys: names, units, allowed values."""
 
-from __future__ import annotations
-
 from cablepod.parameters._checks import choice, integer, number, point, text
 from cablepod.parameters._keys import CABLE, EXPANSION, LENGTH_KEYS, LISTED, Key
 

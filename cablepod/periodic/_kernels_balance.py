@@ -5,8 +5,6 @@ mean, cosine 1, sine 1, cosine 2, ...; the unknowns z are X, flat, and the angul
 theta runs over `periods` periods of the forcing, so that harmonic k has the angular frequency k omega / periods.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled

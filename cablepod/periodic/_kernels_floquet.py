@@ -1,7 +1,5 @@
 """Compiled matrices of Numerov's scheme over one period, whose eigenvalues are Floquet multipliers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled

@@ -1,7 +1,5 @@
 """Compiled forces of a periodically forced model at the samples of a period, by the terms of the condensed model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled

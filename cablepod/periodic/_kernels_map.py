@@ -1,7 +1,5 @@
 """Compiled map of stability: orbits grown from rest by amplitude, with the matrices of their disturbances."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Column j is particle j, or link j between the particles j and j + 1.  Vectors take three rows.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 X, V = 0, 3  #: positions [m], velocities [m/s]

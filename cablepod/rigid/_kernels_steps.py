@@ -8,8 +8,6 @@ Index-1 form: m a = P + G^T T - alpha m v,  e.(a_(j+1) - a_j) + |v_(j+1) - v_j|^
 steps; :func:`states` evaluates the form at the output times of either formulation.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import compiled

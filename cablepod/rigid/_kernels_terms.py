@@ -3,8 +3,6 @@
 Constraints: tridiagonal systems, projection of positions and velocities.  Then loads, held ends, energy account, saved states.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cablepod._jit import compiled

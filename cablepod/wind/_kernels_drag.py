@@ -1,7 +1,5 @@
 """Compiled laws of the drag; :mod:`cablepod.wind._drag` has them for arrays, ``condensed/_kernels_drag.py`` in components."""
 
-from __future__ import annotations
-
 import math
 
 from cablepod._jit import FAST_DIVISION, compiled
