@@ -29,7 +29,7 @@ FAST_DIVISION = {"contract", "reassoc", "arcp", "nsz"}
 _LOCATORS = "cablepod._jit.GivenFolder, cablepod._jit.BesideSource, cablepod._jit.UserFolder"
 
 #: How files of kernels import one another; tests/package/test_jit.py holds that there is no other way.
-_IMPORTED_KERNELS = re.compile(r"^from cablepod\.(\w+)\.((?:_kernels|_formulas)\w*) import ", re.MULTILINE)
+_IMPORTED_KERNELS = re.compile(r"^from cablepod\.(\w+)(?:\.| import )((?:_kernels|_formulas)\w*)", re.MULTILINE)
 
 
 @cache

@@ -14,28 +14,10 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.chain import _kernels_layout as at
 from cablepod.chain._kernels_attached import apply_attached, note_attached
 from cablepod.chain._kernels_drag import apply_drag
-from cablepod.chain._kernels_layout import (
-    FX,
-    FY,
-    FZ,
-    LINE,
-    LOAD_X,
-    LOAD_Y,
-    LOAD_Z,
-    PER_MASS,
-    ROWS,
-    STEADY_X,
-    UX,
-    VX,
-    VY,
-    VZ,
-    Record,
-    X,
-    Y,
-    Z,
-)
+from cablepod.chain._kernels_layout import Record
 from cablepod.chain._kernels_terms import (
     _add_tension_damping,
     _extremes,
@@ -54,9 +36,9 @@ def new_states(chains, links):
     Rows are aligned to cache lines, which saves a tenth of the time.  An odd number of lines per row keeps equal columns of
     different rows out of the same cache set.
     """
-    shape = (chains, ROWS, LINE * ((links + 2 + LINE) // LINE | 1))
-    memory = np.zeros(math.prod(shape) + LINE)
-    first = -(memory.ctypes.data // memory.itemsize) % LINE
+    shape = (chains, at.ROWS, at.LINE * ((links + 2 + at.LINE) // at.LINE | 1))
+    memory = np.zeros(math.prod(shape) + at.LINE)
+    first = -(memory.ctypes.data // memory.itemsize) % at.LINE
     return memory[first : first + math.prod(shape)].reshape(shape)
 
 
@@ -64,18 +46,18 @@ def new_states(chains, links):
 def _kick_and_drift(s, links, step, damping_factor, spatial):
     """Update velocities and positions: V <- damping_factor V + (F1 - F0) PER_MASS + LOAD, then X <- X + step V."""
     for j in range(links + 1):
-        vx, vy = damping_factor * s[VX, j], damping_factor * s[VY, j]
-        vx += (s[FX, j + 1] - s[FX, j]) * s[PER_MASS, j] + s[LOAD_X, j]
-        vy += (s[FY, j + 1] - s[FY, j]) * s[PER_MASS, j] + s[LOAD_Y, j]
-        s[VX, j] = vx
-        s[VY, j] = vy
-        s[X, j] += step * vx
-        s[Y, j] += step * vy
+        vx, vy = damping_factor * s[at.VX, j], damping_factor * s[at.VY, j]
+        vx += (s[at.FX, j + 1] - s[at.FX, j]) * s[at.PER_MASS, j] + s[at.LOAD_X, j]
+        vy += (s[at.FY, j + 1] - s[at.FY, j]) * s[at.PER_MASS, j] + s[at.LOAD_Y, j]
+        s[at.VX, j] = vx
+        s[at.VY, j] = vy
+        s[at.X, j] += step * vx
+        s[at.Y, j] += step * vy
         if spatial is not None:
-            vz = damping_factor * s[VZ, j]
-            vz += (s[FZ, j + 1] - s[FZ, j]) * s[PER_MASS, j] + s[LOAD_Z, j]
-            s[VZ, j] = vz
-            s[Z, j] += step * vz
+            vz = damping_factor * s[at.VZ, j]
+            vz += (s[at.FZ, j + 1] - s[at.FZ, j]) * s[at.PER_MASS, j] + s[at.LOAD_Z, j]
+            s[at.VZ, j] = vz
+            s[at.Z, j] += step * vz
 
 
 @compiled(inline="always")
@@ -86,7 +68,7 @@ def _steps(s, chain, spatial, shared, damping_factor, rates, attached, loads, en
         if rates is not None:
             _predict_velocities(s, links, spatial)
             for m in range(ends.rows.size):
-                s[ends.rows[m] + UX, ends.columns[m]] = rates.ends[chain, m, i]
+                s[ends.rows[m] + at.UX, ends.columns[m]] = rates.ends[chain, m, i]
         if rates is not None and rates.viscosity[chain] > 0.0:
             _viscous_forces(s, links, rates.viscosity[chain], spatial)
         else:
@@ -118,7 +100,7 @@ def _advance(s, chain, spatial, shared, damping_factor, rates, attached, air, lo
             evaluation = (start + i + air.hold - 1) // air.hold  # number of the next evaluation of the drag
             if start + i == evaluation * air.hold:
                 place = (start + i - 0.5) * shared.step * air.samples_per_second
-                target = LOAD_X if loads is None else STEADY_X
+                target = at.LOAD_X if loads is None else at.STEADY_X
                 apply_drag(
                     s, shared.links, air.velocity, place, air.drag, air.bodies, shared.step, target, evaluation, spatial
                 )
@@ -137,9 +119,9 @@ def _run(s, chain, spatial, shared, damping_factor, rates, attached, air, loads,
         target = block.steps
         saving = save < record.steps.size and record.steps[save] == block.start + i
         if saving:
-            assign(record.positions[record.at + save], s[X : X + dims, : links + 1])
+            assign(record.positions[record.at + save], s[at.X : at.X + dims, : links + 1])
             if record.half_velocities.shape[0]:
-                assign(record.half_velocities[record.at + save, 0], s[VX : VX + dims, : links + 1])
+                assign(record.half_velocities[record.at + save, 0], s[at.VX : at.VX + dims, : links + 1])
                 target = i + 1
         if target == block.steps and save + saving < record.steps.size:
             target = record.steps[save + saving] - block.start
@@ -147,7 +129,7 @@ def _run(s, chain, spatial, shared, damping_factor, rates, attached, air, loads,
         i = target
         if saving:
             if record.half_velocities.shape[0]:
-                assign(record.half_velocities[record.at + save, 1], s[VX : VX + dims, : links + 1])
+                assign(record.half_velocities[record.at + save, 1], s[at.VX : at.VX + dims, : links + 1])
             save += 1
 
 

@@ -20,24 +20,7 @@ import numpy as np
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_closure import _chord_tensions
 from cablepod.condensed._kernels_drag import _spatial_law
-from cablepod.mast._kernels_layout import (
-    DIVERGED,
-    DONE,
-    LARGEST_KAPPA,
-    LENGTH,
-    RATE_X,
-    RATE_Z,
-    SCALE,
-    SLOPE_SCALE,
-    SOFTENING,
-    STIFFENING,
-    STIFFNESS,
-    UNSTABLE,
-    WEIGHT,
-    X,
-    Y,
-    Z,
-)
+from cablepod.mast import _kernels_layout as at
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -46,17 +29,21 @@ def _place_guys(of_guys, guys, mast, beam, state):
     ends, axes, moved, chord, lanes = state.ends, of_guys.axes, state.moved, state.chord, state.chord.size
     for g in range(guys.level.size):
         n = guys.level[g]
-        ends[X, g] = mast.upper[2 * n] - beam.level_rest[n, 0]
-        ends[Y, g] = mast.lowered[n]
-        ends[Z, g] = mast.upper[2 * n + 1] - beam.level_rest[n, 1]
-        ends[RATE_X, g] = mast.upper_rate[n, 0]
-        ends[RATE_Z, g] = mast.upper_rate[n, 1]
+        ends[at.X, g] = mast.upper[2 * n] - beam.level_rest[n, 0]
+        ends[at.Y, g] = mast.lowered[n]
+        ends[at.Z, g] = mast.upper[2 * n + 1] - beam.level_rest[n, 1]
+        ends[at.RATE_X, g] = mast.upper_rate[n, 0]
+        ends[at.RATE_Z, g] = mast.upper_rate[n, 1]
     for g in range(lanes):
-        x, y, z = of_guys.reach[0, g] - ends[X, g], of_guys.reach[1, g] - ends[Y, g], of_guys.reach[2, g] - ends[Z, g]
+        x, y, z = (
+            of_guys.reach[0, g] - ends[at.X, g],
+            of_guys.reach[1, g] - ends[at.Y, g],
+            of_guys.reach[2, g] - ends[at.Z, g],
+        )
         size = math.sqrt(x * x + y * y + z * z)
         inverse = 1.0 / size
         chord[g] = size
-        state.stretch[g] = size / of_guys.numbers[LENGTH, g]
+        state.stretch[g] = size / of_guys.numbers[at.LENGTH, g]
         x *= inverse
         y *= inverse
         z *= inverse
@@ -73,7 +60,9 @@ def _place_guys(of_guys, guys, mast, beam, state):
     for part in range(2):
         k = 3 + 3 * part
         for g in range(lanes):
-            moved[part, g] = axes[k, g] * ends[X, g] + axes[k + 1, g] * ends[Y, g] + axes[k + 2, g] * ends[Z, g]
+            moved[part, g] = (
+                axes[k, g] * ends[at.X, g] + axes[k + 1, g] * ends[at.Y, g] + axes[k + 2, g] * ends[at.Z, g]
+            )
         for i in range(state.q.shape[1]):
             for g in range(lanes):
                 state.q[part, i, g] = state.p[part, i, g] - of_guys.moments[part, i, g] * moved[part, g]
@@ -90,9 +79,9 @@ def _guy_forces(of_guys, state, on_mast):
     r, lanes = q.shape[1], q.shape[2]
     _chord_tensions(of_guys.sizes, of_guys.terms, state.chord, q.reshape(q.size), tension)
     for g in range(lanes):
-        straight[g] = -(tension[g] * numbers[SOFTENING, g] + numbers[STIFFENING, g])
-        along[g] = numbers[WEIGHT, g] * state.axis_y[g]  # minus the load along the chord
-        normal[g] = -numbers[WEIGHT, g] * state.level[g]  # the load across it
+        straight[g] = -(tension[g] * numbers[at.SOFTENING, g] + numbers[at.STIFFENING, g])
+        along[g] = numbers[at.WEIGHT, g] * state.axis_y[g]  # minus the load along the chord
+        normal[g] = -numbers[at.WEIGHT, g] * state.level[g]  # the load across it
         sag[g] = 0.0
         quadratic[g] = 0.0
         linear[g] = 0.0
@@ -106,7 +95,7 @@ def _guy_forces(of_guys, state, on_mast):
                         + tilt[part, i, j + 2] * q[part, j + 2, g] + tilt[part, i, j + 3] * q[part, j + 3, g]
                     )  # fmt: skip
             for g in range(lanes):
-                turned = numbers[SCALE, g] * numbers[SCALE, g] * tilted[g]
+                turned = numbers[at.SCALE, g] * numbers[at.SCALE, g] * tilted[g]
                 x, bent = q[part, i, g], kappa[part, i, g] * q[part, i, g]
                 state.on_q[part, i, g] = straight[g] * bent + along[g] * turned + normal[g] * loads[part, i, g]
                 sag[g] += bent * bent
@@ -116,10 +105,12 @@ def _guy_forces(of_guys, state, on_mast):
         turning = (0.5 * quadratic[g] * normal[g] - linear[g] * along[g]) / state.chord[g]
         on_mast[0, g] = tension[g] * state.axis_x[g] + turning * state.normal_x[g]
         on_mast[1, g] = (
-            tension[g] * state.axis_y[g] + turning * state.level[g] - 0.5 * numbers[WEIGHT, g] * numbers[LENGTH, g]
+            tension[g] * state.axis_y[g]
+            + turning * state.level[g]
+            - 0.5 * numbers[at.WEIGHT, g] * numbers[at.LENGTH, g]
         )
         on_mast[2, g] = tension[g] * state.axis_z[g] + turning * state.normal_z[g]
-        sag[g] *= numbers[STIFFNESS, g] / numbers[LENGTH, g]
+        sag[g] *= numbers[at.STIFFNESS, g] / numbers[at.LENGTH, g]
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -127,11 +118,11 @@ def _fill_own_rates(ahead, of_guys, state):
     """Fill rates of the ends along the chords (lanes,), of the deflections (2, r, lanes) `ahead` steps after the last."""
     axes, ends, moved, own, lanes = of_guys.axes, state.ends, state.moved, state.own, state.chord.size
     for g in range(lanes):
-        state.end_along[g] = axes[0, g] * ends[RATE_X, g] + axes[2, g] * ends[RATE_Z, g]
+        state.end_along[g] = axes[0, g] * ends[at.RATE_X, g] + axes[2, g] * ends[at.RATE_Z, g]
     for part in range(2):
         k = 3 + 3 * part
         for g in range(lanes):
-            moved[part, g] = axes[k, g] * ends[RATE_X, g] + axes[k + 2, g] * ends[RATE_Z, g]
+            moved[part, g] = axes[k, g] * ends[at.RATE_X, g] + axes[k + 2, g] * ends[at.RATE_Z, g]
         for i in range(own.shape[1]):
             for g in range(lanes):
                 own[part, i, g] = (
@@ -161,8 +152,8 @@ def _fill_drag(of_guys, state, wind):
                         + shapes[part, k, i + 2] * own[part, i + 2, g] + shapes[part, k, i + 3] * own[part, i + 3, g]
                     )  # fmt: skip
         for g in range(lanes):
-            scale = numbers[SCALE, g]
-            a, b = slope[0, g] * numbers[SLOPE_SCALE, g], slope[1, g] * numbers[SLOPE_SCALE, g]
+            scale = numbers[at.SCALE, g]
+            a, b = slope[0, g] * numbers[at.SLOPE_SCALE, g], slope[1, g] * numbers[at.SLOPE_SCALE, g]
             x, y, z = air[3 * k * lanes + g], air[(3 * k + 1) * lanes + g], air[(3 * k + 2) * lanes + g]
             u = axes[0, g] * x + axes[1, g] * y + axes[2, g] * z - sigma[k] * state.end_along[g]
             v = axes[3, g] * x + axes[4, g] * y + axes[5, g] * z - sigma[k] * state.moved[0, g] - scale * rate[0, g]
@@ -178,7 +169,7 @@ def _fill_drag(of_guys, state, wind):
             for k in range(0, points, 2):
                 kept = 1.0 if k > 0 else 0.0
                 for g in range(lanes):
-                    wind.held_q[part, i, g] = kept * wind.held_q[part, i, g] + numbers[SCALE, g] * (
+                    wind.held_q[part, i, g] = kept * wind.held_q[part, i, g] + numbers[at.SCALE, g] * (
                         shapes[part, k, i] * across[part, k, g] + shapes[part, k + 1, i] * across[part, k + 1, g]
                     )
         for k in range(0, points, 2):
@@ -227,12 +218,12 @@ def _watch(k, step, of_guys, state, guys):
         less = tension[g] < least[g]
         least[g] = tension[g] if less else least[g]
         guys.least_step[g] = k if less else guys.least_step[g]
-        beyond += 0.0 if abs(tension[g]) * kappa[LARGEST_KAPPA, g] + sag[g] < limit else 1.0
+        beyond += 0.0 if abs(tension[g]) * kappa[at.LARGEST_KAPPA, g] + sag[g] < limit else 1.0
     if beyond > 0.0:
         for g in range(guys.breaks.size):
-            if not abs(tension[g]) * kappa[LARGEST_KAPPA, g] + sag[g] < limit:
-                return UNSTABLE if abs(tension[g]) < np.inf else DIVERGED, g
-    return DONE, 0
+            if not abs(tension[g]) * kappa[at.LARGEST_KAPPA, g] + sag[g] < limit:
+                return at.UNSTABLE if abs(tension[g]) < np.inf else at.DIVERGED, g
+    return at.DONE, 0
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)

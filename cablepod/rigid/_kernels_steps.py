@@ -12,34 +12,7 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.integrate._kernels_assign import assign
-from cablepod.rigid._kernels_layout import (
-    ACCELERATION,
-    BASE,
-    CORRECTION,
-    DONE,
-    ENDS,
-    FORCE,
-    HALF,
-    INVERSE_LENGTH,
-    INVERSE_MASS,
-    KINETIC,
-    LOAD,
-    LOADS,
-    LOST,
-    NOT_CONVERGED,
-    NX,
-    OUT_OF_BALANCE,
-    RIGHT,
-    SINGULAR,
-    SUM_V,
-    SUM_X,
-    T_BEFORE,
-    E,
-    N,
-    T,
-    V,
-    X,
-)
+from cablepod.rigid import _kernels_layout as at
 from cablepod.rigid._kernels_terms import (
     by_mass,
     copy_vectors,
@@ -69,21 +42,21 @@ def index1_accelerations(s, links, spatial, velocity, unit, damping):
     """
     for c in range(dimensions(spatial)):
         for j in range(links + 1):
-            if s[INVERSE_MASS, j] > 0.0:
-                s[ACCELERATION + c, j] = s[LOAD + c, j] - damping * s[velocity + c, j]
+            if s[at.INVERSE_MASS, j] > 0.0:
+                s[at.ACCELERATION + c, j] = s[at.LOAD + c, j] - damping * s[velocity + c, j]
     for j in range(links):
         square, along = 0.0, 0.0
         for c in range(dimensions(spatial)):
             dv = s[velocity + c, j + 1] - s[velocity + c, j]
             square += dv * dv
-            along += s[unit + c, j] * (s[ACCELERATION + c, j + 1] - s[ACCELERATION + c, j])
-        s[RIGHT, j] = square * s[INVERSE_LENGTH, j] + along
+            along += s[unit + c, j] * (s[at.ACCELERATION + c, j + 1] - s[at.ACCELERATION + c, j])
+        s[at.RIGHT, j] = square * s[at.INVERSE_LENGTH, j] + along
     if not solve_tridiagonal(s, links, spatial, unit, unit):
         return False
-    link_forces(s, links, spatial, CORRECTION, unit)
+    link_forces(s, links, spatial, at.CORRECTION, unit)
     for c in range(dimensions(spatial)):
         for j in range(links + 1):
-            s[ACCELERATION + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
+            s[at.ACCELERATION + c, j] += s[at.INVERSE_MASS, j] * (s[at.FORCE + c, j + 1] - s[at.FORCE + c, j])
     return True
 
 
@@ -92,14 +65,14 @@ def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, dampin
     """Compute accelerations at place `i` of the tables, and add the weighted powers [W] of loads, ends and damping."""
     moving = ends.shape[0] > 0
     if moving:
-        set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
+        set_ends(s, links, spatial, at.ACCELERATION, ends[i, 2])
     if patterns.shape[0] > 0:
         load_accelerations(s, links, spatial, patterns, factors[i])
     if not index1_accelerations(s, links, spatial, velocity, unit, damping):
         return False
-    powers[0] += weight * by_mass(s, links, spatial, LOAD, velocity)
+    powers[0] += weight * by_mass(s, links, spatial, at.LOAD, velocity)
     if moving:
-        powers[1] += weight * end_work(s, links, spatial, CORRECTION, unit, velocity)
+        powers[1] += weight * end_work(s, links, spatial, at.CORRECTION, unit, velocity)
     if damping > 0.0:
         powers[2] += weight * 2.0 * damping * kinetic_energy(s, links, spatial, velocity)
     return True
@@ -157,51 +130,51 @@ def rattle(
             save += 1
         if extremes:
             if moving:
-                set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
-            if not index1_accelerations(s, links, spatial, V, E, damping):
-                return i, SINGULAR
+                set_ends(s, links, spatial, at.ACCELERATION, ends[i, 2])
+            if not index1_accelerations(s, links, spatial, at.V, at.E, damping):
+                return i, at.SINGULAR
             update_extremes(s, links)
         for c in range(dims):
             for j in range(links + 1):
-                s[HALF + c, j] = damping_factor * s[V + c, j] + half * s[LOAD + c, j]
-                s[BASE + c, j] = s[X + c, j] + step * s[HALF + c, j]
+                s[at.HALF + c, j] = damping_factor * s[at.V + c, j] + half * s[at.LOAD + c, j]
+                s[at.BASE + c, j] = s[at.X + c, j] + step * s[at.HALF + c, j]
         if moving:  # ends at rest keep their place
-            set_ends(s, links, spatial, BASE, ends[i + 1, 0])
+            set_ends(s, links, spatial, at.BASE, ends[i + 1, 0])
         for j in range(links):
-            before = s[T_BEFORE, j]
-            s[T_BEFORE, j] = s[T, j]
-            s[T, j] = 2.0 * s[T, j] - before
+            before = s[at.T_BEFORE, j]
+            s[at.T_BEFORE, j] = s[at.T, j]
+            s[at.T, j] = 2.0 * s[at.T, j] - before
         status = project_positions(s, links, spatial, step * half, tolerance, counts)
-        if status != DONE:
+        if status != at.DONE:
             for j in range(links):
-                s[T, j] = s[T_BEFORE, j]
+                s[at.T, j] = s[at.T_BEFORE, j]
             return i, status
         for c in range(dims):
             for j in range(links + 1):
-                force = s[FORCE + c, j + 1] - s[FORCE + c, j]
-                s[HALF + c, j] += half * s[INVERSE_MASS, j] * force
-                s[SUM_X + c, j] = s[NX + c, j] - s[X + c, j]  # displacement
-        work = by_mass(s, links, spatial, LOAD, SUM_X)
+                force = s[at.FORCE + c, j + 1] - s[at.FORCE + c, j]
+                s[at.HALF + c, j] += half * s[at.INVERSE_MASS, j] * force
+                s[at.SUM_X + c, j] = s[at.NX + c, j] - s[at.X + c, j]  # displacement
+        work = by_mass(s, links, spatial, at.LOAD, at.SUM_X)
         if moving:
-            counts[ENDS] += 0.5 * end_work(s, links, spatial, T, E, SUM_X)
+            counts[at.ENDS] += 0.5 * end_work(s, links, spatial, at.T, at.E, at.SUM_X)
         if patterns.shape[0] > 0:
             load_accelerations(s, links, spatial, patterns, factors[i + 1])
-            work = 0.5 * (work + by_mass(s, links, spatial, LOAD, SUM_X))
+            work = 0.5 * (work + by_mass(s, links, spatial, at.LOAD, at.SUM_X))
         for c in range(dims):
             for j in range(links + 1):
-                s[V + c, j] = damping_factor * s[HALF + c, j] + half * s[LOAD + c, j]
+                s[at.V + c, j] = damping_factor * s[at.HALF + c, j] + half * s[at.LOAD + c, j]
         if moving:
-            set_ends(s, links, spatial, V, ends[i + 1, 1])
-        if not project_velocities(s, links, spatial, V, N):
-            return i, SINGULAR
+            set_ends(s, links, spatial, at.V, ends[i + 1, 1])
+        if not project_velocities(s, links, spatial, at.V, at.N):
+            return i, at.SINGULAR
         if moving:
-            counts[ENDS] += 0.5 * end_work(s, links, spatial, CORRECTION, N, SUM_X) / half
-        counts[LOADS] += work
+            counts[at.ENDS] += 0.5 * end_work(s, links, spatial, at.CORRECTION, at.N, at.SUM_X) / half
+        counts[at.LOADS] += work
         if damping > 0.0:
-            counts[LOST] += step * damping * (counts[KINETIC] + kinetic_energy(s, links, spatial, V))
+            counts[at.LOST] += step * damping * (counts[at.KINETIC] + kinetic_energy(s, links, spatial, at.V))
         if not end_step(s, links, spatial, counts):
-            return i + 1, OUT_OF_BALANCE
-    return steps, DONE
+            return i + 1, at.OUT_OF_BALANCE
+    return steps, at.DONE
 
 
 @compiled
@@ -228,56 +201,56 @@ def index1(
         powers[:] = 0.0
         for c in range(dims):
             for j in range(links + 1):
-                s[NX + c, j] = s[X + c, j]
-                s[HALF + c, j] = s[V + c, j]
-                s[SUM_X + c, j] = 0.0
-                s[SUM_V + c, j] = 0.0
+                s[at.NX + c, j] = s[at.X + c, j]
+                s[at.HALF + c, j] = s[at.V + c, j]
+                s[at.SUM_X + c, j] = 0.0
+                s[at.SUM_V + c, j] = 0.0
         for stage in range(4):
             place = 2 * i + (stage + 1) // 2
             weight = 2.0 if stage == 1 or stage == 2 else 1.0
             if moving:
-                set_ends(s, links, spatial, NX, ends[place, 0])
-                set_ends(s, links, spatial, HALF, ends[place, 1])
-            link_vectors(s, links, spatial, NX, N)
-            if not _stage(s, links, spatial, HALF, N, ends, patterns, factors, place, damping, weight, powers):
-                return i, SINGULAR
+                set_ends(s, links, spatial, at.NX, ends[place, 0])
+                set_ends(s, links, spatial, at.HALF, ends[place, 1])
+            link_vectors(s, links, spatial, at.NX, at.N)
+            if not _stage(s, links, spatial, at.HALF, at.N, ends, patterns, factors, place, damping, weight, powers):
+                return i, at.SINGULAR
             if stage == 0 and extremes:
                 update_extremes(s, links)
             reach = step if stage == 2 else 0.5 * step
             for c in range(dims):
                 for j in range(links + 1):
-                    s[SUM_X + c, j] += weight * s[HALF + c, j]
-                    s[SUM_V + c, j] += weight * s[ACCELERATION + c, j]
+                    s[at.SUM_X + c, j] += weight * s[at.HALF + c, j]
+                    s[at.SUM_V + c, j] += weight * s[at.ACCELERATION + c, j]
                     if stage < 3:
-                        s[NX + c, j] = s[X + c, j] + reach * s[HALF + c, j]
-                        s[HALF + c, j] = s[V + c, j] + reach * s[ACCELERATION + c, j]
+                        s[at.NX + c, j] = s[at.X + c, j] + reach * s[at.HALF + c, j]
+                        s[at.HALF + c, j] = s[at.V + c, j] + reach * s[at.ACCELERATION + c, j]
         for c in range(dims):
             for j in range(links + 1):
-                s[BASE + c, j] = s[X + c, j] + step / 6.0 * s[SUM_X + c, j]
-                s[HALF + c, j] = s[V + c, j] + step / 6.0 * s[SUM_V + c, j]
+                s[at.BASE + c, j] = s[at.X + c, j] + step / 6.0 * s[at.SUM_X + c, j]
+                s[at.HALF + c, j] = s[at.V + c, j] + step / 6.0 * s[at.SUM_V + c, j]
         if moving:
-            set_ends(s, links, spatial, BASE, ends[2 * (i + 1), 0])
-            set_ends(s, links, spatial, HALF, ends[2 * (i + 1), 1])
-        link_vectors(s, links, spatial, BASE, N)
+            set_ends(s, links, spatial, at.BASE, ends[2 * (i + 1), 0])
+            set_ends(s, links, spatial, at.HALF, ends[2 * (i + 1), 1])
+        link_vectors(s, links, spatial, at.BASE, at.N)
         for j in range(links):
-            if not dot(s, N, j, E, j, spatial) > 0.0:
-                return i, NOT_CONVERGED
-            s[T, j] = 0.0
-        copy_vectors(s, links, spatial, N, E)
+            if not dot(s, at.N, j, at.E, j, spatial) > 0.0:
+                return i, at.NOT_CONVERGED
+            s[at.T, j] = 0.0
+        copy_vectors(s, links, spatial, at.N, at.E)
         status = project_positions(s, links, spatial, 1.0, tolerance, counts)
-        if status != DONE:
-            link_vectors(s, links, spatial, X, E)
+        if status != at.DONE:
+            link_vectors(s, links, spatial, at.X, at.E)
             return i, status
-        if not project_velocities(s, links, spatial, HALF, N):
-            link_vectors(s, links, spatial, X, E)
-            return i, SINGULAR
-        copy_vectors(s, links, spatial, HALF, V)
-        counts[LOADS] += step / 6.0 * powers[0]
-        counts[ENDS] += step / 6.0 * powers[1]
-        counts[LOST] += step / 6.0 * powers[2]
+        if not project_velocities(s, links, spatial, at.HALF, at.N):
+            link_vectors(s, links, spatial, at.X, at.E)
+            return i, at.SINGULAR
+        copy_vectors(s, links, spatial, at.HALF, at.V)
+        counts[at.LOADS] += step / 6.0 * powers[0]
+        counts[at.ENDS] += step / 6.0 * powers[1]
+        counts[at.LOST] += step / 6.0 * powers[2]
         if not end_step(s, links, spatial, counts):
-            return i + 1, OUT_OF_BALANCE
-    return steps, DONE
+            return i + 1, at.OUT_OF_BALANCE
+    return steps, at.DONE
 
 
 @compiled
@@ -306,30 +279,30 @@ def states(s, links, spatial, ends, patterns, factors, damping, is_projected, to
     """
     dims = dimensions(spatial)
     for i in range(x.shape[0]):
-        assign(s[X : X + dims, : links + 1], x[i])
-        assign(s[V : V + dims, : links + 1], v[i])
-        set_ends(s, links, spatial, X, ends[i, 0])
-        set_ends(s, links, spatial, V, ends[i, 1])
-        link_vectors(s, links, spatial, X, E)
+        assign(s[at.X : at.X + dims, : links + 1], x[i])
+        assign(s[at.V : at.V + dims, : links + 1], v[i])
+        set_ends(s, links, spatial, at.X, ends[i, 0])
+        set_ends(s, links, spatial, at.V, ends[i, 1])
+        link_vectors(s, links, spatial, at.X, at.E)
         if is_projected[i]:
-            copy_vectors(s, links, spatial, X, BASE)
+            copy_vectors(s, links, spatial, at.X, at.BASE)
             for j in range(links):
-                s[T, j] = 0.0
+                s[at.T, j] = 0.0
             status = project_positions(s, links, spatial, 1.0, tolerance, counts)
-            if status != DONE:
+            if status != at.DONE:
                 return i, status
-            copy_vectors(s, links, spatial, NX, X)
-            copy_vectors(s, links, spatial, N, E)
-            if not project_velocities(s, links, spatial, V, E):
-                return i, SINGULAR
-            assign(x[i], s[X : X + dims, : links + 1])
-            assign(v[i], s[V : V + dims, : links + 1])
+            copy_vectors(s, links, spatial, at.NX, at.X)
+            copy_vectors(s, links, spatial, at.N, at.E)
+            if not project_velocities(s, links, spatial, at.V, at.E):
+                return i, at.SINGULAR
+            assign(x[i], s[at.X : at.X + dims, : links + 1])
+            assign(v[i], s[at.V : at.V + dims, : links + 1])
         if patterns.shape[0] > 0:
             load_accelerations(s, links, spatial, patterns, factors[i])
-        set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
-        if not index1_accelerations(s, links, spatial, V, E, damping):
-            return i, SINGULAR
-        assign(a[i], s[ACCELERATION : ACCELERATION + dims, : links + 1])
+        set_ends(s, links, spatial, at.ACCELERATION, ends[i, 2])
+        if not index1_accelerations(s, links, spatial, at.V, at.E, damping):
+            return i, at.SINGULAR
+        assign(a[i], s[at.ACCELERATION : at.ACCELERATION + dims, : links + 1])
         for j in range(links):
-            tension[i, j] = s[CORRECTION, j]
-    return x.shape[0], DONE
+            tension[i, j] = s[at.CORRECTION, j]
+    return x.shape[0], at.DONE

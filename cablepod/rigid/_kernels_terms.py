@@ -7,43 +7,7 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.integrate._kernels_assign import assign
-from cablepod.rigid._kernels_layout import (
-    BALANCE,
-    BASE,
-    CORRECTION,
-    DONE,
-    ENDS,
-    FIRST_KINETIC,
-    FLOOR,
-    FORCE,
-    HIGH,
-    INVERSE_LENGTH,
-    INVERSE_MASS,
-    ITERATIONS,
-    KINETIC,
-    LENGTH,
-    LENGTH_ERROR,
-    LOAD,
-    LOADS,
-    LOST,
-    LOW,
-    MASS,
-    MAX_ENDS,
-    MAX_KINETIC,
-    MAX_LOADS,
-    MAX_ROTATION_SQUARED,
-    NOT_CONVERGED,
-    NX,
-    PIVOT,
-    RIGHT,
-    SINGULAR,
-    STEADY,
-    E,
-    N,
-    T,
-    V,
-    X,
-)
+from cablepod.rigid import _kernels_layout as at
 
 #: Minimum pivot over its diagonal (below, the system is singular: all links lie on a line between held ends).
 MIN_PIVOT = 1e-13
@@ -77,7 +41,7 @@ def link_vectors(s, links, spatial, position, unit):
     """Compute link vectors over lengths from the rows `position` into the rows `unit`."""
     for c in range(dimensions(spatial)):
         for j in range(links):
-            s[unit + c, j] = (s[position + c, j + 1] - s[position + c, j]) * s[INVERSE_LENGTH, j]
+            s[unit + c, j] = (s[position + c, j + 1] - s[position + c, j]) * s[at.INVERSE_LENGTH, j]
 
 
 @compiled(literal=False)
@@ -85,7 +49,7 @@ def link_forces(s, links, spatial, multiplier, unit):
     """Compute the forces of the links [N] from the multipliers in the row `multiplier`."""
     for c in range(dimensions(spatial)):
         for j in range(links):
-            s[FORCE + c, j + 1] = s[multiplier, j] * s[unit + c, j]
+            s[at.FORCE + c, j + 1] = s[multiplier, j] * s[unit + c, j]
 
 
 @compiled(literal=False)
@@ -94,7 +58,7 @@ def length_error(s, links, spatial, unit):
     worst = 0.0
     for j in range(links):
         g = 0.5 * (dot(s, unit, j, unit, j, spatial) - 1.0)
-        s[RIGHT, j] = g * s[LENGTH, j]
+        s[at.RIGHT, j] = g * s[at.LENGTH, j]
         if not abs(g) <= worst:  # also for NaN
             worst = abs(g)
     return worst
@@ -110,23 +74,23 @@ def solve_tridiagonal(s, links, spatial, left, right):
     """
     beside, before = 0.0, 0.0  # upper neighbour and right side of the row before, over its pivot
     for j in range(links):
-        diagonal = (s[INVERSE_MASS, j] + s[INVERSE_MASS, j + 1]) * dot(s, left, j, right, j, spatial)
+        diagonal = (s[at.INVERSE_MASS, j] + s[at.INVERSE_MASS, j + 1]) * dot(s, left, j, right, j, spatial)
         pivot = diagonal
-        value = s[RIGHT, j]
+        value = s[at.RIGHT, j]
         if j > 0:
-            lower = -s[INVERSE_MASS, j] * dot(s, left, j, right, j - 1, spatial)
+            lower = -s[at.INVERSE_MASS, j] * dot(s, left, j, right, j - 1, spatial)
             pivot -= lower * beside
             value -= lower * before
         if not pivot > MIN_PIVOT * diagonal:
             return False
         inverse = 1.0 / pivot
         if j < links - 1:
-            beside = -s[INVERSE_MASS, j + 1] * dot(s, left, j, right, j + 1, spatial) * inverse
+            beside = -s[at.INVERSE_MASS, j + 1] * dot(s, left, j, right, j + 1, spatial) * inverse
         before = value * inverse
-        s[PIVOT, j] = beside
-        s[CORRECTION, j] = before
+        s[at.PIVOT, j] = beside
+        s[at.CORRECTION, j] = before
     for j in range(links - 2, -1, -1):
-        s[CORRECTION, j] -= s[PIVOT, j] * s[CORRECTION, j + 1]
+        s[at.CORRECTION, j] -= s[at.PIVOT, j] * s[at.CORRECTION, j + 1]
     return True
 
 
@@ -139,29 +103,29 @@ def project_positions(s, links, spatial, factor, tolerance, counts):
     """
     last = np.inf
     for iteration in range(MAX_ITERATIONS):
-        link_forces(s, links, spatial, T, E)
+        link_forces(s, links, spatial, at.T, at.E)
         for c in range(dimensions(spatial)):
             for j in range(links + 1):
-                force = s[FORCE + c, j + 1] - s[FORCE + c, j]
-                s[NX + c, j] = s[BASE + c, j] + factor * s[INVERSE_MASS, j] * force
-        link_vectors(s, links, spatial, NX, N)
-        worst = length_error(s, links, spatial, N)
+                force = s[at.FORCE + c, j + 1] - s[at.FORCE + c, j]
+                s[at.NX + c, j] = s[at.BASE + c, j] + factor * s[at.INVERSE_MASS, j] * force
+        link_vectors(s, links, spatial, at.NX, at.N)
+        worst = length_error(s, links, spatial, at.N)
         if worst <= tolerance or (iteration > 0 and 0.5 * last <= worst <= STALLED_RTOL):
             for j in range(links):
-                if not dot(s, N, j, E, j, spatial) > 0.0:
-                    return NOT_CONVERGED
-            counts[LENGTH_ERROR] = max(counts[LENGTH_ERROR], worst)
-            return DONE
+                if not dot(s, at.N, j, at.E, j, spatial) > 0.0:
+                    return at.NOT_CONVERGED
+            counts[at.LENGTH_ERROR] = max(counts[at.LENGTH_ERROR], worst)
+            return at.DONE
         if not worst < 1e3:
-            return NOT_CONVERGED
+            return at.NOT_CONVERGED
         last = worst
-        if not solve_tridiagonal(s, links, spatial, N, E):
+        if not solve_tridiagonal(s, links, spatial, at.N, at.E):
             # the first system has nearly equal gradients and directions: only a straight chain makes it singular
-            return SINGULAR if iteration == 0 else NOT_CONVERGED
+            return at.SINGULAR if iteration == 0 else at.NOT_CONVERGED
         for j in range(links):
-            s[T, j] += s[CORRECTION, j] / factor
-        counts[ITERATIONS] += 1.0
-    return NOT_CONVERGED
+            s[at.T, j] += s[at.CORRECTION, j] / factor
+        counts[at.ITERATIONS] += 1.0
+    return at.NOT_CONVERGED
 
 
 @compiled(literal=False)
@@ -175,13 +139,13 @@ def project_velocities(s, links, spatial, velocity, unit):
         total += (s[velocity + 1, j + 1] - s[velocity + 1, j]) * s[unit + 1, j]
         if spatial is not None:
             total += (s[velocity + 2, j + 1] - s[velocity + 2, j]) * s[unit + 2, j]
-        s[RIGHT, j] = total
+        s[at.RIGHT, j] = total
     if not solve_tridiagonal(s, links, spatial, unit, unit):
         return False
-    link_forces(s, links, spatial, CORRECTION, unit)
+    link_forces(s, links, spatial, at.CORRECTION, unit)
     for c in range(dimensions(spatial)):
         for j in range(links + 1):
-            s[velocity + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
+            s[velocity + c, j] += s[at.INVERSE_MASS, j] * (s[at.FORCE + c, j + 1] - s[at.FORCE + c, j])
     return True
 
 
@@ -193,20 +157,20 @@ def load_accelerations(s, links, spatial, patterns, factors):
     """Compute the accelerations by constant and time-dependent loads."""
     for c in range(dimensions(spatial)):
         for j in range(links + 1):
-            s[LOAD + c, j] = s[STEADY + c, j]
+            s[at.LOAD + c, j] = s[at.STEADY + c, j]
         for load in range(patterns.shape[0]):
             factor = factors[load]
             for j in range(links + 1):
-                s[LOAD + c, j] += factor * patterns[load, c, j]
+                s[at.LOAD + c, j] += factor * patterns[load, c, j]
 
 
 @compiled(literal=False)
 def set_ends(s, links, spatial, row, ends):
     """Put values (end, dims) of the held ends into the rows from `row` on."""
     for c in range(dimensions(spatial)):
-        if s[INVERSE_MASS, 0] == 0.0:
+        if s[at.INVERSE_MASS, 0] == 0.0:
             s[row + c, 0] = ends[0, c]
-        if s[INVERSE_MASS, links] == 0.0:
+        if s[at.INVERSE_MASS, links] == 0.0:
             s[row + c, links] = ends[1, c]
 
 
@@ -215,9 +179,9 @@ def end_work(s, links, spatial, multiplier, unit, row):
     """Return the forces of the held ends times the vectors in the rows from `row` on: power, or work."""
     total = 0.0
     for c in range(dimensions(spatial)):
-        if s[INVERSE_MASS, 0] == 0.0:
+        if s[at.INVERSE_MASS, 0] == 0.0:
             total -= s[multiplier, 0] * s[unit + c, 0] * s[row + c, 0]
-        if s[INVERSE_MASS, links] == 0.0:
+        if s[at.INVERSE_MASS, links] == 0.0:
             total += s[multiplier, links - 1] * s[unit + c, links - 1] * s[row + c, links]
     return total
 
@@ -227,7 +191,7 @@ def by_mass(s, links, spatial, first, second):
     """Return the sum of the masses times the inner products of the vectors in the rows from `first` and from `second` on."""
     total = 0.0
     for j in range(links + 1):
-        total += s[MASS, j] * dot(s, first, j, second, j, spatial)
+        total += s[at.MASS, j] * dot(s, first, j, second, j, spatial)
     return total
 
 
@@ -240,10 +204,10 @@ def kinetic_energy(s, links, spatial, velocity):
 @compiled(forceinline=True)
 def end_step(s, links, spatial, counts):
     """Go on to the new positions and link vectors; update the maximum rotation; returns whether the energies are in balance."""
-    copy_vectors(s, links, spatial, NX, X)
-    copy_vectors(s, links, spatial, N, E)
-    counts[KINETIC] = kinetic_energy(s, links, spatial, V)
-    counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], _max_rotation_squared(s, links, spatial))
+    copy_vectors(s, links, spatial, at.NX, at.X)
+    copy_vectors(s, links, spatial, at.N, at.E)
+    counts[at.KINETIC] = kinetic_energy(s, links, spatial, at.V)
+    counts[at.MAX_ROTATION_SQUARED] = max(counts[at.MAX_ROTATION_SQUARED], _max_rotation_squared(s, links, spatial))
     return _is_balanced(counts)
 
 
@@ -252,32 +216,32 @@ def _max_rotation_squared(s, links, spatial):
     """Return the square of the maximum rotation rate of a link [1/s2]."""
     largest = 0.0
     for j in range(links):
-        square = (s[V, j + 1] - s[V, j]) ** 2 + (s[V + 1, j + 1] - s[V + 1, j]) ** 2
+        square = (s[at.V, j + 1] - s[at.V, j]) ** 2 + (s[at.V + 1, j + 1] - s[at.V + 1, j]) ** 2
         if spatial is not None:
-            square += (s[V + 2, j + 1] - s[V + 2, j]) ** 2
-        largest = max(largest, square * s[INVERSE_LENGTH, j] * s[INVERSE_LENGTH, j])
+            square += (s[at.V + 2, j + 1] - s[at.V + 2, j]) ** 2
+        largest = max(largest, square * s[at.INVERSE_LENGTH, j] * s[at.INVERSE_LENGTH, j])
     return largest
 
 
 @compiled
 def _is_balanced(counts):
     """Update the energy balance and the maximum energies; returns whether the imbalance is acceptable."""
-    balance = counts[KINETIC] - counts[FIRST_KINETIC] - counts[LOADS] - counts[ENDS] + counts[LOST]
-    if not abs(balance) <= counts[BALANCE]:
-        counts[BALANCE] = abs(balance)
-    counts[MAX_KINETIC] = max(counts[MAX_KINETIC], counts[KINETIC])
-    counts[MAX_LOADS] = max(counts[MAX_LOADS], abs(counts[LOADS]))
-    counts[MAX_ENDS] = max(counts[MAX_ENDS], abs(counts[ENDS]))
-    supplied = counts[FIRST_KINETIC] + counts[MAX_LOADS] + counts[MAX_ENDS]
-    return counts[BALANCE] <= MAX_IMBALANCE * supplied + counts[FLOOR]
+    balance = counts[at.KINETIC] - counts[at.FIRST_KINETIC] - counts[at.LOADS] - counts[at.ENDS] + counts[at.LOST]
+    if not abs(balance) <= counts[at.BALANCE]:
+        counts[at.BALANCE] = abs(balance)
+    counts[at.MAX_KINETIC] = max(counts[at.MAX_KINETIC], counts[at.KINETIC])
+    counts[at.MAX_LOADS] = max(counts[at.MAX_LOADS], abs(counts[at.LOADS]))
+    counts[at.MAX_ENDS] = max(counts[at.MAX_ENDS], abs(counts[at.ENDS]))
+    supplied = counts[at.FIRST_KINETIC] + counts[at.MAX_LOADS] + counts[at.MAX_ENDS]
+    return counts[at.BALANCE] <= MAX_IMBALANCE * supplied + counts[at.FLOOR]
 
 
 @compiled
 def update_extremes(s, links):
     """Update the extremes of the tensions from the multipliers in CORRECTION."""
     for j in range(links):
-        s[LOW, j] = min(s[LOW, j], s[CORRECTION, j])
-        s[HIGH, j] = max(s[HIGH, j], s[CORRECTION, j])
+        s[at.LOW, j] = min(s[at.LOW, j], s[at.CORRECTION, j])
+        s[at.HIGH, j] = max(s[at.HIGH, j], s[at.CORRECTION, j])
 
 
 @compiled(literal=False)
@@ -292,5 +256,5 @@ def copy_vectors(s, links, spatial, source, target):
 def save_state(s, links, save, saved):
     """Save positions and velocities as number `save`."""
     dims = saved.shape[2]
-    assign(saved[save, 0], s[X : X + dims, : links + 1])
-    assign(saved[save, 1], s[V : V + dims, : links + 1])
+    assign(saved[save, 0], s[at.X : at.X + dims, : links + 1])
+    assign(saved[save, 1], s[at.V : at.V + dims, : links + 1])

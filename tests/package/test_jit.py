@@ -70,9 +70,13 @@ def test_stamps_cover_every_import():
     root = Path(_jit.__file__).parent
     for path in sorted(root.glob("*/_kernels*.py")):
         tree = ast.parse(path.read_text())
-        modules = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        origins = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        modules = [node.module for node in origins]
+        modules += [f"{node.module}.{name.name}" for node in origins for name in node.names]
         modules += [name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names]
-        imported = {name.split(".", 1)[1] for name in modules if name and re.search(r"\._(kernels|formulas)", name)}
+        imported = {
+            name.split(".", 1)[1] for name in modules if re.fullmatch(r"cablepod\.\w+\._(kernels|formulas)\w*", name)
+        }
         found = {f"{file.parent.name}.{file.stem}" for file in _jit._with_imported(path)}
         assert imported <= found, path
 
