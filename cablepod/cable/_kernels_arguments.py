@@ -23,9 +23,8 @@ class Elements(NamedTuple):
     #: as many entries as an element has nodes: a tuple, whose length is a constant of the compiled code, so that sums over the
     #: nodes are unrolled; or an array, with which one compilation serves all orders
     nodes: Any
-    d: (
-        np.ndarray
-    )  #: derivative matrix of the reference element of length 2, points in rows, nodes in columns (p + 1, p + 1)
+    #: derivative matrix of the reference element of length 2, points in rows, nodes in columns (p + 1, p + 1)
+    d: np.ndarray
     d_transposed: np.ndarray
     pairs: np.ndarray  #: products D_qi D_qj at [i, j, q] (p + 1, p + 1, p + 1)
     weight: np.ndarray  #: quadrature weights, with sum 2 (p + 1,)

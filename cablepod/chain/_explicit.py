@@ -104,11 +104,8 @@ class ExplicitChainRun(ChainRun):
         from cablepod.chain import _kernels_explicit as kernel_explicit
 
         chain, p, free = self.chain, self.chain.p, self.chain.free_particles
-        state, links, particles = (
-            kernel_explicit.new_states(1, chain.links)[0],
-            slice(chain.links),
-            slice(chain.links + 1),
-        )
+        state = kernel_explicit.new_states(1, chain.links)[0]
+        links, particles = slice(chain.links), slice(chain.links + 1)
         mass = chain.mass[free]
         damping_factor, impulse = decay_and_impulse(p.mass_damping or 0.0, step)
         back = half_step_back(p.mass_damping or 0.0, step)[1]

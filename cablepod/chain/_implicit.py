@@ -225,10 +225,8 @@ class ImplicitStepper:
     def advance(self, start: int, steps: int) -> int:
         """Take steps on the grid of the run; returns the number of steps done."""
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
-        time, step = (
-            np.arange(start, start + steps + 1) / self.instants.steps_per_second,
-            1.0 / self.instants.steps_per_second,
-        )
+        rate = self.instants.steps_per_second
+        time, step = np.arange(start, start + steps + 1) / rate, 1.0 / rate
         return self._kernel(time, step, start, self.instants.steps[first:last], int(first))
 
     def substep(self, number: int) -> bool:

@@ -51,18 +51,13 @@ def _geometric_forces(sizes, terms, row, tension, x, f):
 @compiled(fastmath=REORDERED_FUSED, noalias=True, forceinline=True, literal=False, counted=False)
 def _forces(sizes, terms, row, q, tension, f):
     """Fill H (lanes) [N] and the undamped accelerations f (r, lanes) = P p - (H kappa + sum_a g_a G_a) q."""
-    lanes, size, patterns, normal_loads = (
-        len(sizes.lanes),
-        len(sizes.modes),
-        len(sizes.patterns),
-        len(sizes.normal_loads),
-    )
+    lanes, size, patterns = len(sizes.lanes), len(sizes.modes), len(sizes.patterns)
     _chord_tensions(sizes, terms, row, q, tension)
     _geometric_forces(sizes, terms, row, tension, q, f)
     for j in range(size):
         for m in range(lanes):
             load = 0.0
-            for a in range(normal_loads):
+            for a in range(len(sizes.normal_loads)):
                 load += row[(1 + patterns + a) * lanes + m] * terms.load_projection[(a * size + j) * lanes + m]
             f[j * lanes + m] = load - f[j * lanes + m]
 

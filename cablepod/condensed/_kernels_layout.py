@@ -228,13 +228,11 @@ class ErrorTerms(NamedTuple):
     slopes: np.ndarray  #: slopes of the enriched ones (R, m)
     in_plane: int  #: number of the motion's in-plane coordinates
     enriched_in_plane: int  #: the same of the enriched model
-    inertia: (
-        np.ndarray
-    )  #: chordwise mass matrix of rates of stretch, see :func:`_kernels_exact_closure._chordwise_momentum`
+    #: chordwise mass matrix of rates of stretch, see :func:`_kernels_exact_closure._chordwise_momentum`
+    inertia: np.ndarray
     damping: np.ndarray  #: by mass, a number of each member [1/s]
-    springs: (
-        np.ndarray | None
-    )  #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]; None without
+    #: roots of stiffnesses times shapes of attached springs (springs, R) [1/s]; None without
+    springs: np.ndarray | None
     green: Any  #: True for law (21), None for the linear law, which is compiled alone
     leading: bool  #: whether the motion obeys the closure to leading order
     corrections: int  #: number of joint Newton corrections of the closure

@@ -86,9 +86,7 @@ class ChordFrame:
     def join(self, lower: np.ndarray, along: np.ndarray, deflection: np.ndarray) -> np.ndarray:
         """Join the parts of :meth:`split` and the position of the lower end to positions (times, particle, dims) [m]."""
         position = np.empty((*along.shape, lower.shape[1]))
-        for c in range(
-            lower.shape[1]
-        ):  # coordinate by coordinate: loops over the particles, not over two or three axes
+        for c in range(lower.shape[1]):  # by coordinate: loops over the particles, not over two or three axes
             position[:, :, c] = lower[:, c, None] + along * self.along[:, c, None]
             position[:, :, c] += sum(part * self.normals[:, k, c, None] for k, part in enumerate(deflection))
         return position

@@ -20,10 +20,8 @@ def at_places(sigma: np.ndarray, known_sigma: np.ndarray, position: np.ndarray) 
     if are_same(sigma, known_sigma):
         return position
     knots = np.minimum(np.searchsorted(known_sigma, sigma - SAME_PLACE), known_sigma.size - 1)
-    if (
-        np.abs(known_sigma[knots] - sigma).max() <= SAME_PLACE
-    ):  # a spline passes through its knots, as with half the links
-        return position[:, knots]
+    if np.abs(known_sigma[knots] - sigma).max() <= SAME_PLACE:
+        return position[:, knots]  # a spline passes through its knots, as with half the links
     from scipy.interpolate import CubicSpline  # costly to import
 
     if known_sigma.size < len(position):  # weights of the particles once, in place of a spline for each instant

@@ -59,12 +59,10 @@ class ComparableRuns:
     tension_rounding: float = 0.0  #: rounding error of tensions [N], which does not count
     #: Steps per second from which a run resolves all frequencies, of implicit schemes; with fewer the estimate takes first order
     resolved: float = 0.0
-    finish: Callable[[Any], Any] = lambda run: (
-        run
-    )  #: makes the result of the run taken, without instants of the comparison
-    note_tension: Callable[[Any, float], None] = lambda run, error: (
-        None
-    )  #: takes a run and the estimated error of its tensions
+    #: Makes the result of the run taken, without instants of the comparison
+    finish: Callable[[Any], Any] = lambda run: run
+    #: Takes a run and the estimated error of its tensions
+    note_tension: Callable[[Any, float], None] = lambda run, error: None
 
     def distances(self, fine: Any, coarse: Any) -> tuple[float, float]:
         """Return the distances of the motions of two runs and of their tensions, the latter 0 where they do not count.

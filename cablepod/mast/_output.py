@@ -172,9 +172,8 @@ def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...], g
         variables["guy_position"] = (("time", "guy", "point", "coordinate"), run.guy_position[:n])
         coords["point"] = np.arange(run.guy_position.shape[2])
     if NEED_FORCES & set(outputs):
-        shear = bool(
-            {"shear_force", "foot_force", ENVELOPES} & set(outputs)
-        )  # else those of the elements are not computed
+        # else those of the elements are not computed
+        shear = bool({"shear_force", "foot_force", ENVELOPES} & set(outputs))
         variables |= _forces(Forces(mast, run, shear=shear), outputs, moved, guys)
         used = {dim for dims, _ in variables.values() for dim in dims}
         coords |= {name: value for name, value in nodes_of(mast.rest.beam).items() if name.split("_")[0] in used}

@@ -119,9 +119,8 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
     harmonics = columns // 2
     omega = z[-1]
     derives = jacobian.size > 0
-    mean = np.zeros(
-        (4 * harmonics + 1 if derives else 0, n, n)
-    )  # Fourier sums of the tangent, over the number of samples
+    # Fourier sums of the tangent, over the number of samples
+    mean = np.zeros((4 * harmonics + 1 if derives else 0, n, n))
     inverse = 1.0 / samples
     for i in range(residual.size):
         residual[i] = 0.0

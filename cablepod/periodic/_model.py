@@ -233,12 +233,8 @@ class PeriodicModel:
     def terms(self, n: int) -> LeadingTerms:
         """Return the terms of the first n coordinates without dimension; H is over `force_scale`."""
         omega, length, _ = self.scales
-        si, force, geometric, load = (
-            self._terms_si.take(0),
-            self.force_scale,
-            self.geometric_stiffness,
-            self.load_projection,
-        )
+        si, force = self._terms_si.take(0), self.force_scale
+        geometric, load = self.geometric_stiffness, self.load_projection
         return LeadingTerms(
             si.stiffness / force, si.inverse_length, np.array([self.sag]), self.kappa[:n].copy(),
             si.mean_chordwise_forces / force, np.ravel(geometric[:, :n, :n] / omega**2),

@@ -56,9 +56,8 @@ def graded_factor(gram: np.ndarray) -> np.ndarray:
     np.fill_diagonal(lower, np.sqrt(np.maximum(pivots, 0.0)))
     ordered = np.zeros_like(gram)
     ordered[:n_leading, :n_leading], ordered[:n_leading, n_leading:] = lower.T, coupling
-    if n_leading < len(
-        gram
-    ):  # Schur complement of the weakest rows, dominated by rounding; it affects their columns only
+    if n_leading < len(gram):
+        # Schur complement of the weakest rows, dominated by rounding; it affects their columns only
         rest = scaled[n_leading:, n_leading:] - coupling.T @ coupling - np.diag(added[n_leading:])
         squares, vectors = np.linalg.eigh(rest)
         ordered[n_leading:, n_leading:] = np.sqrt(np.maximum(squares, 0.0))[:, None] * vectors.T

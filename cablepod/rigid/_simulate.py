@@ -169,9 +169,8 @@ def simulate(
     instants = request.instants(p)
     end_time = float(instants[-1])
     key = "links" if links is not None else "chain.links and times"
-    check_memory(
-        instants.size, chain.links, p.dims, key=key, variables=2 * ARRAYS_OF_RUN
-    )  # states have velocities and forces
+    # states have velocities and forces
+    check_memory(instants.size, chain.links, p.dims, key=key, variables=2 * ARRAYS_OF_RUN)
     check_ends(chain, end_time)
     warn_of_velocity_jump(p)
     title = str(scene.attrs.get("title", "scene"))

@@ -103,9 +103,8 @@ def foot_rows(result: xr.Dataset) -> list[Row]:
     if "bending_moment_peak" in result:
         at_foot = result["bending_moment_peak"].isel(node=0)
         case = _governing(result, at_foot)
-        if float(case["bending_moment_peak"].isel(node=0)) > 1e-6 * float(
-            result["bending_moment_peak"].max()
-        ):  # clamped
+        largest = float(result["bending_moment_peak"].max())
+        if float(case["bending_moment_peak"].isel(node=0)) > 1e-6 * largest:  # clamped
             numbers = _statistics(case.isel(node=0), "bending_moment", "force", "N")
             rows.append({"force on the foundation": "moment [N m]", **_wind(case), **numbers})
     return rows
