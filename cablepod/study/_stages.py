@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,9 +17,8 @@ import xarray as xr
 from cablepod import archive
 from cablepod._models import REDUCED
 from cablepod.archive._folder import check_folder, new_results, sole_run
-from cablepod.errors import RunStopped
+from cablepod.errors import RunStopped, warn
 from cablepod.study._figures import FIGURES, MAST_FIGURES, check_backend
-from cablepod.study._notes import OnceEach
 
 #: Stages of a cable beside the reduced models, and of a mast.
 STAGES = (
@@ -27,6 +28,32 @@ STAGES = (
 MAST_STAGES = ("scene", "rest", "frequencies", "motion", "guys")
 #: Runs of which a part is written where they stop.
 MAY_STOP = ("chain", "motion")
+#: What differs between warnings of one kind: the name of the model, and numbers.
+OF_MODEL, NUMBER = re.compile(r"of the model \w+"), re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+class OnceEach:
+    """Warnings of several runs, of which those are left out that differ from an earlier one in model and numbers alone."""
+
+    def __init__(self) -> None:
+        self.seen: set[tuple[type[Warning], str]] = set()
+        self.left_out = 0
+
+    @contextmanager
+    def collected(self) -> Iterator[None]:
+        """Collect the warnings in the block, and give those of a new kind at its end, also where it raises."""
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                yield
+        finally:
+            for warning in caught:
+                kind = warning.category, NUMBER.sub("#", OF_MODEL.sub("", str(warning.message)))
+                if kind in self.seen:
+                    self.left_out += 1
+                else:
+                    self.seen.add(kind)
+                    warn(warning.message)
 
 
 @dataclass(frozen=True)

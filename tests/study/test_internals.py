@@ -16,7 +16,7 @@ from cablepod.cli import _mast, _report
 from cablepod.plots import mast_shapes
 from cablepod.study import _mast as study_of_mast
 from cablepod.study import _tension
-from cablepod.study._notes import OnceEach
+from cablepod.study._stages import OnceEach
 
 
 def test_a_note_is_given_once_whatever_model_and_numbers():
