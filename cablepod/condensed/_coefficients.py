@@ -223,12 +223,6 @@ class Coefficients:
         """Slices of the coordinates: in-plane deflection and, in space, out-of-plane deflection."""
         return (slice(0, self.n_in_plane), slice(self.n_in_plane, None))[: self.chain.p.dims - 1]
 
-    @property
-    def _same_set(self) -> np.ndarray:
-        """Mask of pairs of coordinates in the same set (r, r)."""
-        in_plane = np.arange(len(self.shapes)) < self.n_in_plane
-        return in_plane[:, None] == in_plane
-
     @cached_property
     def load_patterns(self) -> np.ndarray:
         """Particle loads of each unit load pattern (patterns, particle) [m], point loads [1]."""
@@ -272,7 +266,8 @@ class Coefficients:
         products = np.einsum(
             "an,n,in,jn->aij", self.chordwise_force_patterns, self._slope_weights, self.slopes, self.slopes
         )
-        products *= self._same_set
+        in_plane = np.arange(len(self.shapes)) < self.n_in_plane
+        products *= in_plane[:, None] == in_plane
         if len(self.attached_shapes):
             springs = [attachment.spring for attachment, _ in loading(self.chain)]
             products[-len(springs) :] = np.einsum("a,ai,aj->aij", springs, self.attached_shapes, self.attached_shapes)

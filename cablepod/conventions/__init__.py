@@ -6,8 +6,7 @@ which descriptions do not print.
 
 | File | Content |
 | --- | --- |
-| `_vocabulary.py` | dimensions and their labels, names, units and long names |
-| `_orders.py` | orders of labels and instants |
+| `_vocabulary.py` | dimensions, their labels and orders, names, units and long names |
 | `_datasets.py` | Datasets with units, long names and shared indexes |
 | `_printed.py` | units for people: kN, m or mm, Hz in tables and figures |
 """
@@ -20,7 +19,6 @@ from cablepod.conventions._datasets import (
     plain_indexes,
     shared_coordinates,
 )
-from cablepod.conventions._orders import ORDERED, is_in_order, is_rising
 from cablepod.conventions._printed import digits, direction, note_lines, printed, printed_unit, unit_text
 from cablepod.conventions._vocabulary import (
     AIR_OF_EACH,
@@ -31,11 +29,14 @@ from cablepod.conventions._vocabulary import (
     FEATURES,
     INTERRUPTED,
     LABELS,
+    ORDERED,
     OUTPUTS,
     STILL_AIR,
     UNITS,
     VARIABLES,
     attribute_labels,
+    is_in_order,
+    is_rising,
     names_in_air,
 )
 

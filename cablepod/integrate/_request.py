@@ -212,11 +212,6 @@ class Request:
         """Tolerance of the time error of a run without a given step, as a fraction of the motion."""
         return self.default_tolerance if self.given_tolerance is None else self.given_tolerance
 
-    @property
-    def recorded_tolerance(self) -> float | None:
-        """Tolerance for the history of a result: None if the step is given."""
-        return None if self.step is not None else self.tolerance
-
     def of_run(self, times: np.ndarray, **others: Any) -> dict[str, Any]:
         """Return what every :class:`cablepod.integrate._run.Run` takes of a request, with the output times [s], and others."""
         shared = {"times": times, "outputs": self.outputs, "progress": self.progress, "window": self.window}
@@ -289,7 +284,7 @@ class Request:
         resolved = {
             "times": result.variables["time"].values,
             "step": result.attrs.get("step") if self.step is None else self.step,
-            "tolerance": self.recorded_tolerance,
+            "tolerance": None if self.step is not None else self.tolerance,
             "outputs": list(self.outputs),
             **({} if self.window is None else {"window": list(self.window)}),
         }

@@ -66,11 +66,6 @@ class ChainGuys:
         return None if self.links == of_scene else self.links
 
     @cached_property
-    def has_things(self) -> bool:
-        """Whether a guy has segments or attachments."""
-        return any(guy.pieces is not None for guy in self.mast.rest.bare)
-
-    @cached_property
     def drag(self) -> np.ndarray:
         """Half the density of the air times drag coefficient and diameter of the guys [kg/m2]."""
         assert self.air is not None
@@ -93,7 +88,7 @@ class ChainGuys:
         if self.air is None:
             return 0.0
         rates = [self.air.drag_rate(self.mast.rest.p)]
-        if self.has_things:
+        if any(guy.pieces is not None for guy in self.mast.rest.bare):  # of segments, or with attachments
             for g, (chain, air) in enumerate(zip(self.chains, self._airs, strict=True)):
                 own = self.air.of_guys(self.air.velocity)[:, g]
                 speed = float(np.sqrt((own * own).sum(axis=-1)).max())
