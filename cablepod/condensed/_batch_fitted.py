@@ -24,6 +24,7 @@ from cablepod.condensed._lanes import LaneResults, Lanes, MemberCoefficients
 from cablepod.condensed._runs import (
     FIT_INTERVALS,
     FOURTH_ORDER_AT_FIRST,
+    MIN_EXPLICIT_STEPS,
     fourth_order_step,
     suits_fourth_order,
     taut_limit,
@@ -37,9 +38,6 @@ from cablepod.reduced._validity import forcing_attributes
 
 if TYPE_CHECKING:
     from cablepod.condensed._batch import CondensedPlan
-
-#: Minimum number of steps: the first one needs the loads of three instants.
-MIN_STEPS = 2
 
 
 def first_steps(
@@ -78,7 +76,7 @@ def first_steps(
     rates, intervals, modes = np.zeros(limit.size), np.ones(limit.size), plan.unit.n_in_plane
     for m in np.flatnonzero(suited).tolist():
         rate = whole_steps_per_second(1.0 / float(first[m]))
-        if rate <= largest and end_time * rate >= MIN_STEPS and window * rate > 2.0:
+        if rate <= largest and end_time * rate >= MIN_EXPLICIT_STEPS and window * rate > 2.0:
             rates[m] = rate
             bound = float(omega_squared[m]), modes, 2.0 * rate, end_time
             intervals[m] = sample_interval(*bound, time_scale=float(time_scales[m]))

@@ -31,6 +31,8 @@ POINTS, POINTS_PER_MODE = 4, 2
 SAMPLING_PHASE = 2.0
 #: Minimum number of samples in the shortest time scale of ends and loads.
 SAMPLES_PER_CHANGE = 4.0
+#: Minimum number of intervals between the samples of a run that has as many steps.
+MIN_INTERVALS = 4
 #: Maximum number of samples (longer runs are sampled at longer intervals).
 MAX_SAMPLES = 20_000
 #: Maximum estimate: above twice the motion it only says that nothing is right.
@@ -67,9 +69,10 @@ def sample_interval(
         Shortest time scale of ends and loads [s].
     """
     omega_truncated = math.sqrt(omega_squared) * (modes + 1.0) / max(modes, 1)
+    longest = min(phase / omega_truncated, time_scale / SAMPLES_PER_CHANGE, end_time / MIN_INTERVALS)
     return max(
         1,
-        math.floor(min(phase / omega_truncated, time_scale / SAMPLES_PER_CHANGE) * steps_per_second),
+        math.floor(longest * steps_per_second),
         math.ceil(end_time * steps_per_second / MAX_SAMPLES),
     )
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._parameters import Parameters
 
 #: Number of scenes whose longest chords are kept.
@@ -52,6 +53,29 @@ def chord_and_loads(
     uniform = rows[1:].reshape(dims, patterns, -1)
     loads = np.concatenate([uniform, points], axis=1).reshape(-1, ends.shape[1])
     return np.ascontiguousarray(np.concatenate([rows[:1], loads]).T)
+
+
+def add_damping_of_turning(
+    rows: np.ndarray, ends: np.ndarray, velocities: np.ndarray, reference: np.ndarray, damping: float
+) -> None:
+    """Add to boundary data the damping by the tension of the line between the ends, a load along the normals of a turning chord.
+
+    Parameters
+    ----------
+    rows
+        Result of :func:`chord_and_loads`, which is changed.
+    ends, velocities
+        Positions [m] and velocities [m/s] of the ends, as there (2 dims, instants).
+    reference
+        As there, (dims,).
+    damping
+        Damping by the tension [s].
+    """
+    dims = len(ends) // 2
+    frame = ChordFrame.of((ends[dims:] - ends[:dims]).T, reference)
+    turning = np.einsum("ct,tkc->tk", velocities[dims:] - velocities[:dims], frame.normals) / frame.chord[:, None]
+    loads = rows[:, 1:].reshape(len(rows), dims, -1)  # a view
+    loads[:, 1:] += damping * turning[:, :, None] * loads[:, :1]
 
 
 def _projected(

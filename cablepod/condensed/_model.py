@@ -12,7 +12,7 @@ from cablepod.chain._air import ChainAir
 from cablepod.chain._start import start
 from cablepod.condensed._attached import damping_of_dampers, forces_of_line, loading
 from cablepod.condensed._coefficients import Coefficients, from_momenta
-from cablepod.condensed._frame import chord_and_loads, end_tables, end_velocities, longest_chord
+from cablepod.condensed._frame import add_damping_of_turning, chord_and_loads, end_tables, end_velocities, longest_chord
 from cablepod.condensed._kernels_layout import (
     SLOPE_SQUARED,
     Bounds,
@@ -49,7 +49,7 @@ class CondensedModel(Coefficients):
         """Return the boundary data of the steps `begin` ... `begin + steps`, both included."""
         p = self.chain.p
         tables = end_tables(p, begin, steps, steps_per_second)
-        velocities = end_velocities(p, begin, steps, steps_per_second) if loading(self.chain) else None
+        velocities = end_velocities(p, begin, steps, steps_per_second) if self.has_loads_of_velocities else None
         return self._project_loads(*tables, begin, steps, steps_per_second, velocities)
 
     def boundary_data_at(self, times: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
@@ -62,7 +62,7 @@ class CondensedModel(Coefficients):
                 accelerations += p.mass_damping * p.end_positions(times, 1)
         ends, accelerations = (np.ascontiguousarray(array.reshape(-1, 2 * p.dims).T) for array in (ends, accelerations))
         velocities = None
-        if loading(self.chain) and p.motions:
+        if self.has_loads_of_velocities and p.motions:
             velocities = p.end_positions(times, 1).reshape(-1, 2 * p.dims).T
         return self._project_loads(ends, accelerations, times, 0, 0.0, velocities)
 
@@ -80,8 +80,8 @@ class CondensedModel(Coefficients):
         """Return the boundary data for ends [m] and their accelerations [m/s^2], (2 dims, instants) each.
 
         The instants are the steps `begin` ... `begin + steps`, or, with 0 steps per second, the times `begin` [s].  `velocities`
-        are those of the ends (2 dims, instants) [m/s], which dampers need; None for ends at rest.  `is_static` is whether
-        the air is that of the equilibrium at the start.
+        are those of the ends (2 dims, instants) [m/s], which dampers and the damping by the tension need; None for ends at rest.
+        `is_static` is whether the air is that of the equilibrium at the start.
         """
         p = self.chain.p
 
@@ -108,6 +108,8 @@ class CondensedModel(Coefficients):
         if is_steady and not accelerations.shape[1] and self.body_loads is None:  # the same at all instants
             ends, attached = ends[:, :1].copy(), attached[:, :, :1]
         rows = chord_and_loads(ends, accelerations, load, p.mass, self.reference, points)
+        if p.tension_damping is not None and velocities is not None and velocities.shape[1]:
+            add_damping_of_turning(rows, ends, velocities, self.reference, p.tension_damping)
         if attached.shape[1]:
             others = rows[:, 1:].reshape(len(rows), p.dims, -1)
             loads = np.concatenate([others, attached.transpose(2, 0, 1)], axis=2)
@@ -129,6 +131,11 @@ class CondensedModel(Coefficients):
         if self.spring_rest is not None:
             return self.spring_rest
         return self.without_springs.rest if self.has_springs else np.zeros(len(self.shapes))
+
+    @property
+    def has_loads_of_velocities(self) -> bool:
+        """Whether velocities of the ends are loads."""
+        return self.chain.p.tension_damping is not None or bool(loading(self.chain))
 
     @property
     def has_springs(self) -> bool:

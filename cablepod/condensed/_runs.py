@@ -57,6 +57,9 @@ FOURTH_ORDER_PHASE = 1.35
 FOURTH_ORDER_AT_FIRST = 3.0
 #: Minimum number of implicit steps of the first run.
 MIN_STEPS = 20.0
+#: Minimum number of steps of an explicit first run: the error estimate is that of the motion in its steps, and in lanes the first
+#: one needs the loads of three instants.
+MIN_EXPLICIT_STEPS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,10 +260,11 @@ def whole_steps_per_second(steps_per_second: float) -> float:
 def _unforced_step(run: CondensedRun, omega_squared: float) -> float:
     """Return the first step of a refinement [s] by free vibrations, for a bound of their squared frequency [1/s^2]."""
     end_time, kappa = run.end_time, run.model.slope_norms_squared
+    longest = end_time / MIN_EXPLICIT_STEPS if end_time > 0.0 else math.inf
     if run.stable_phase < math.inf:
         if run.scheme == FOURTH_ORDER:
-            return float(fourth_order_step(omega_squared, run.model.chain.p.damping))
-        return PHASE_PER_STEP / math.sqrt(omega_squared)
+            return min(longest, float(fourth_order_step(omega_squared, run.model.chain.p.damping)))
+        return min(longest, PHASE_PER_STEP / math.sqrt(omega_squared))
     chord_tension = max(run.model.omega_taut_squared(end_time), 1e-300) / kappa.max()
     omega_min = math.sqrt(max(chord_tension, 1e-9 * run.model.chain.p.stiffness) * kappa.min())
     return min(max(end_time, 1e-300) / MIN_STEPS, PHASE_PER_STEP / omega_min)

@@ -367,7 +367,7 @@ class PeriodicModel:
             np.ascontiguousarray(p.end_positions(phase, derivative).reshape(-1, 2 * p.dims).T) for derivative in (1, 2)
         )
         second = p.damping * (condensed._project_loads(ends, rates, phase, 0, 0.0) - first)
-        if condensed.damper_matrix.size:
+        if condensed.damper_matrix.size or self.tension_damping:
             second += condensed._project_loads(ends, still, phase, 0, 0.0, rates) - first
         return np.stack([first, second, condensed._project_loads(ends, accelerations, phase, 0, 0.0) - first])
 

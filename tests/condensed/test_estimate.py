@@ -289,3 +289,33 @@ def test_a_cable_at_rest_has_no_motion_that_the_model_misses(soft, order, most):
     scene = cp.make_scene({**soft, "motion": {}})
     modes = cp.condensed.vibration_modes(scene, rank=2, static_modes=True)  # which hold the rest of the chain exactly
     assert cp.condensed.simulate(scene, modes, order=order).attrs["error_estimate"] < most
+
+
+@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")
+def test_a_run_shorter_than_a_step_has_a_motion():
+    """In a hundredth of a second the ends move the cable less than the equilibria of model and chain differ."""
+    tables = {
+        "cable": {"axial_stiffness": 2e7, "mass_per_length": 1.0, "top_tension": 15000.0},
+        "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+        "motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.03, "angular_frequency": 3.0}}},
+        "time": {"duration": 5.0, "interval": 0.5},
+        "chain": {"links": 20},
+    }
+    scene, times = cp.make_scene(tables), [0.0, 0.005, 0.01]
+    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
+    run = cp.condensed.simulate(scene, modes, times=times)
+    assert error_of(run, cp.chain.simulate(scene, times=times, step=1e-4)) > 2.0
+    assert run.attrs["error_estimate"] == pytest.approx(2.0, rel=1e-2)  # cut there; the time error is added
+
+
+def test_damping_by_the_tension_acts_on_a_turning_chord(soft):
+    """The tension of a steep cable varies along it, and the line between its ends is damped as it turns."""
+    soft["cable"] |= {"youngs_modulus": 5e8, "top_tension": 150.0}
+    across = {"kind": "one_minus_cosine", "amplitude": 0.1, "angular_frequency": 3.0}
+    tables = {"ends": {"lower": [0.0, 0.0], "upper": [0.3, 10.0]}, "motion": {"upper": {"x": across}}}
+    scene = cp.make_scene({**soft, **tables, "damping": {"tension_proportional": 0.03}, "chain": {"links": 12}})
+    chain = cp.chain.simulate(scene, tolerance=1e-5, outputs=("position",))
+    run = cp.condensed.simulate(scene, cp.pod.decompose(chain, layout="normal", rank=5), order="exact")
+    error = error_of(run, chain)
+    assert error < 1.5 * run.attrs["error_estimate"]
+    assert error < 1e-3  # without it 4e-3
