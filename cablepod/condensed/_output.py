@@ -174,9 +174,10 @@ def stop_unstable(run: CondensedRun, state: CondensedTrajectory, step_number: in
     limit = 2 / math.sqrt(state.monitor[MAX_OMEGA_SQUARED])
     rate = state.instants.steps_per_second
     time = step_number / rate
+    needs_explicit = run.air is not None or run.model.chain.p.tension_damping is not None
     why = (
-        f"the condensed model stiffened: from {time:.6g} s on its stability limit is below the step "
-        f"{1.0 / rate:.6g} s ({run.scheme}), at least {limit:.6g} s; try a shorter step, or scheme trapezoidal"
+        f"the condensed model stiffened: from {time:.6g} s on its stability limit is below the step {1.0 / rate:.6g} s "
+        f"({run.scheme}), at least {limit:.6g} s; try a shorter step{'' if needs_explicit else ', or scheme trapezoidal'}"
     )
     _stop(run, state, time, why)
 

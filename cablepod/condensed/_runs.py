@@ -114,12 +114,13 @@ def solve(
         omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
     sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
     run = CondensedRun(model, start, scheme, request.links, sampled, air, **request.of_run(times, progress=progress))
+    highest = 2.0 / limit
+    if run.explicit:  # lower with damping by the tension or by ratios
+        limit = run.stable_phase / highest
     if step is not None:
         if run.stable_phase < math.inf:
-            longest = 0.5 * run.stable_phase * limit
-            check_step(
-                step, longest, f"{run.stable_phase:.4g} over the highest angular frequency, {2 / limit:.6g} rad/s"
-            )
+            of_phase = f"{run.stable_phase:.4g} over the highest angular frequency, {highest:.6g} rad/s"
+            check_step(step, run.stable_phase / highest, of_phase)
         if air is not None:
             check_step(step, air.step_limit, OF_DRAG)
         check_resolved(step, p.shortest_time_scale)
@@ -264,7 +265,7 @@ def _unforced_step(run: CondensedRun, omega_squared: float) -> float:
     if run.stable_phase < math.inf:
         if run.scheme == FOURTH_ORDER:
             return min(longest, float(fourth_order_step(omega_squared, run.model.chain.p.damping)))
-        return min(longest, PHASE_PER_STEP / math.sqrt(omega_squared))
+        return min(longest, min(PHASE_PER_STEP, 0.5 * run.stable_phase) / math.sqrt(omega_squared))
     chord_tension = max(run.model.omega_taut_squared(end_time), 1e-300) / kappa.max()
     omega_min = math.sqrt(max(chord_tension, 1e-9 * run.model.chain.p.stiffness) * kappa.min())
     return min(max(end_time, 1e-300) / MIN_STEPS, PHASE_PER_STEP / omega_min)

@@ -113,6 +113,20 @@ def test_default_scheme_at_heavy_damping(soft, modes, damping, scheme):
     assert float(cp.compare.errors(run, fine).error_max) <= max(0.2 * run.attrs["error_estimate"], 2e-6)
 
 
+@pytest.mark.parametrize("damping", [0.5, 20.0])
+def test_default_step_at_heavy_damping_by_the_tension(soft, modes, damping):
+    """The limit of explicit steps is far below that of the frequencies: 1 / (damping omega^2), omega of 11 rad/s."""
+    soft["damping"] = {"tension_proportional": damping}
+    scene, options = cp.make_scene(soft), {"rank": 2, "times": [0.25, 0.5], "outputs": ("position",)}
+    run = cp.condensed.simulate(scene, modes[2], tolerance=1e-4, **options)
+    fine = cp.condensed.simulate(scene, modes[2], step=run.attrs["step"] / 8.0, **options)
+    assert float(cp.compare.errors(run, fine).error_max) < 2e-4  # twice the tolerance
+    limit, at_start = run.attrs["step_limit"], {**options, "times": [0.0]}
+    cp.condensed.simulate(scene, modes[2], step=0.99 * limit, **at_start)
+    with pytest.raises(cp.SceneError, match="step"):
+        cp.condensed.simulate(scene, modes[2], step=1.01 * limit, **at_start)
+
+
 @pytest.mark.parametrize("scheme", ["numerov", "velocity_verlet"])
 def test_a_window_that_begins_at_the_first_step_leaves_the_motion_as_it_is(soft, modes, scheme):
     """Blocks of steps end where the window begins, and the first step of Numerov's method needs the loads of three instants."""
