@@ -18,11 +18,15 @@ from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.discretisation._formulas import closure_tension
 from cablepod.errors import SceneError
 from cablepod.mast._static_guys import GuyStatics, StaticGuy
+from cablepod.pod._normal import check_axis, sets
 
 #: Intervals of the quadrature along a guy, and points of each.
 INTERVALS, GAUSS_POINTS = 40, 6
 #: Maximum number of Newton iterations for the deflection at rest, and the relative last correction.
 MAX_ITERATIONS, RTOL = 60, 1e-13
+#: A chord whose first normal is in its vertical plane, as those of guys are, however steep; what messages say of its axis.
+LEVEL = np.array([1.0, 0.0, 0.0])
+OF_GUYS = "of guys, whose first normals are in their vertical planes; try: modes of a cable 12 degrees or more from the vertical"
 
 
 class Shapes(NamedTuple):
@@ -51,21 +55,22 @@ def sines(rank: int) -> Shapes:
 def shapes_of(modes: xr.Dataset | None, rank: int) -> tuple[Shapes, Shapes]:
     """Return the shapes in and out of the plane: the first of modes of layout "normal", or sines.
 
+    A deflection with fewer modes that move, as those of a cable in one plane, has the modes of the other.
+
     Raises
     ------
     SceneError
-        For modes that depend on one another.
+        For modes that depend on one another, and of a cable so steep that its normals do not refer to the vertical.
     """
     if modes is None:
         both = sines(rank)
         return both, both
+    check_axis(modes, LEVEL, OF_GUYS)
     sigma = modes.arc_length.values / modes.arc_length.values[-1]
-    sets = []
-    for suffix in ("", "_out_of_plane"):
-        name = f"mode_shape{suffix}"
-        values = modes[name].values if name in modes else modes["mode_shape"].values
-        sets.append(_of_values(sigma, values[:rank]))
-    return sets[0], sets[1]
+    own = [values[:rank] for _, values in sets(modes)]
+    most = max(own, key=len)
+    shapes = [_of_values(sigma, values if len(values) == len(most) else most) for values in own]
+    return shapes[0], shapes[-1]
 
 
 def _of_values(sigma: np.ndarray, values: np.ndarray) -> Shapes:

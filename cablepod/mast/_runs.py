@@ -39,6 +39,7 @@ from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, calm_parameters, mast_parameters
 from cablepod.parameters._parameters import has_record
 from cablepod.parameters._time_functions import check_reach
+from cablepod.pod._normal import sets
 from cablepod.scene._mast_notes import warn_of_unusual_mast
 from cablepod.scene._warnings import without_warnings
 from cablepod.wind._mast_air import mast_air
@@ -206,10 +207,12 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
 
 
 def _rank_of(modes: xr.Dataset | None, rank: Any) -> int:
-    """Return the number of modes of each deflection; refuse one that given modes do not have."""
-    most = MAX_RANK if modes is None else int(modes.sizes["mode"])
+    """Return the number of modes of each deflection; refuse one that given modes, those that move, do not have."""
+    most = MAX_RANK if modes is None else max(len(shapes) for _, shapes in sets(modes))
     if rank is not None and rank > most:
         raise scene_error("rank", rank, f"at most {most}, the number of modes")
+    if not most:
+        raise SceneError("modes: given none that moves; allowed: a singular value above 0")
     return min(RANK, most) if rank is None else int(rank)
 
 

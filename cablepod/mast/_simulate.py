@@ -47,7 +47,8 @@ def simulate(
     scene
         Scene with a mast.
     modes
-        Modes of layout "normal" of the deflections of all guys, carried over by the relative arc length; sines by default.
+        Modes of layout "normal" of the deflections of all guys, in and out of their vertical planes, carried over by the relative
+        arc length; sines by default.  Modes of a cable that moved in its plane serve for both.
     guys
         "condensed": reduced models of the guys; "chain": lumped masses and elastic links; "catenary": static catenaries in still
         air, which have the drag's part at the mast but no motion of their own.  Condensed by default; chains where a cable of a
@@ -93,7 +94,7 @@ def simulate(
     ------
     SceneError
         For invalid options, a step above the stability limit, static guys that break, segments or attachments with other guys
-        than chains, and as :func:`rest`.
+        than chains, modes of a cable within 12 degrees of the vertical, and as :func:`rest`.
     RunStopped
         If the motion leaves the finite numbers or stiffens beyond the stability limit; ``partial`` is the result until then.
 

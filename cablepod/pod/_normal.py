@@ -17,6 +17,8 @@ from cablepod.errors import SceneError, scene_error
 SETS = ("", "_out_of_plane")
 #: Rounding of an axis in files, which may have short floats.
 REFERENCE_ROUNDING = 1e-6
+#: Whose axis modes must refer to, and a remedy, in messages.
+OF_SCENE = "of the scene at its start; try: modes of a cable with its inclination"
 
 
 def reference_of(position: np.ndarray) -> np.ndarray:
@@ -100,13 +102,13 @@ def refer_to_axis_of(modes: xr.Dataset, chord: np.ndarray) -> np.ndarray:
     return np.abs(reference_axis(chord) @ reference) > 1.0 - REFERENCE_ROUNDING
 
 
-def check_axis(modes: xr.Dataset, chord: np.ndarray) -> None:
+def check_axis(modes: xr.Dataset, chord: np.ndarray, whose: str = OF_SCENE) -> None:
     """Refuse modes whose normals refer to another axis than those of a cable with a chord (dims,) [m] at the start."""
     if not refer_to_axis_of(modes, chord):
         raise scene_error(
             "modes: normal_reference",
             modes["normal_reference"].values.tolist(),
-            f"{reference_axis(chord).tolist()}, the axis of the scene at its start; try: modes of a cable with its inclination",
+            f"{reference_axis(chord).tolist()}, the axis {whose}",
         )
 
 
