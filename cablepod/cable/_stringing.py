@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.cable._frequencies import converged_vibrations
-from cablepod.cable._summary import largest_tensions, rest_in_wind, utilisation
+from cablepod.cable._summary import largest_tensions, largest_utilisation, rest_in_wind
 from cablepod.catenary._statics import load_plane, sag_of_scene, solve_statics
 from cablepod.conventions import STILL_AIR, label
 from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, warn
@@ -203,7 +203,7 @@ def _numbers(p: Parameters) -> dict[str, Any]:
     sag = sag_of_scene(p, statics)
     found = {"tension_lower": lower, "tension_upper": upper, "horizontal_force": force, "sag": sag}
     if p.breaking_strength is not None:
-        used = utilisation(p, largest_tensions(p, max(lower, upper)))
+        used = largest_utilisation(p, largest_tensions(p, max(lower, upper)))
     if air_at_rest(p) != STILL_AIR:
         rest = rest_in_wind(p, length, sag * float(plane.span / plane.chord))
         found = {name: rest[name if name != "sag" else "sag_below_chord"] for name in found}

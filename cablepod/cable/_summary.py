@@ -25,6 +25,7 @@ from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._nonuniform import SAME_PLACE
 from cablepod.parameters._parameters import Parameters, Segment, ramp_of
+from cablepod.parameters._utilisation import strengths_of, utilisation
 from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
 from cablepod.wind._profile import air_at_rest
 
@@ -221,14 +222,12 @@ def _at_rest(p: Parameters, chord: float, tensions: list[float], sag: float, **o
         "sag": sag,
         "sag_over_chord": sag / chord,
     }
-    return result if p.breaking_strength is None else result | {"utilisation": utilisation(p, tensions)}
+    return result if p.breaking_strength is None else result | {"utilisation": largest_utilisation(p, tensions)}
 
 
-def utilisation(p: Parameters, tensions: list[float]) -> float:
-    """Return the largest of the tensions of segments [N] over their breaking strengths, of those that have one."""
-    segments: tuple[Parameters | Segment, ...] = p.segments or (p,)
-    parts = zip(tensions, segments, strict=True)
-    return float(max(tension / part.breaking_strength for tension, part in parts if part.breaking_strength is not None))
+def largest_utilisation(p: Parameters, tensions: list[float]) -> float:
+    """Return the largest utilisation of segments by their tensions [N], of those that have a breaking strength."""
+    return float(np.nanmax(utilisation(np.array(tensions), strengths_of(p.segments or (p,)))))
 
 
 def _of_chain(p: Parameters) -> dict[str, Any]:

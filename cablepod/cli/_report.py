@@ -13,6 +13,7 @@ import xarray as xr
 from cablepod.cli._statistics import HEADS, columns, fatigue_text, files_text, finite, part_of_run
 from cablepod.conventions import ENDINGS_OF_AIR, ENDS, STILL_AIR, note_lines, printed, printed_unit
 from cablepod.integrate._coarse import LIKELY, remedy_of
+from cablepod.parameters._utilisation import utilisation
 from cablepod.study._figures import FIGURES
 from cablepod.study._models import fastest_chain
 from cablepod.study._run import TRUTH_TOLERANCE
@@ -87,7 +88,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
     found["tension"] = {kind: _peak(study, kind) for kind in ("maximum", "minimum")}
     if "breaking_strength" in numbers:
         found["breaking_strength"] = float(numbers["breaking_strength"])
-        found["utilisation"] = found["tension"]["maximum"]["value"] / found["breaking_strength"]
+        found["utilisation"] = utilisation(found["tension"]["maximum"]["value"], found["breaking_strength"])
     if "tension" in study:
         found["tension"] |= _statistics(study["tension"].to_dataset())
     return found

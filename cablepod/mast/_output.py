@@ -20,6 +20,7 @@ from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastTrajectory, times_of_breaks
 from cablepod.mast._sections import ENVELOPES, NEED_FORCES, OVER_TIME, Forces, envelopes, over_time, spatial
 from cablepod.parameters._mast import MastParameters
+from cablepod.parameters._utilisation import utilisation_of
 
 #: Variables of a scene that are heights of levels.
 LEVEL_KEYS = re.compile(r"mast_height|guy_\d+_level")
@@ -219,11 +220,8 @@ def _extremes(mast: ModalMast, run: MastTrajectory) -> dict[str, Any]:
         }  # fmt: skip
         for what, numbers in values.items():
             result[f"{name}_{what}"] = (dims, spatial(numbers) if dims[-1] == "coordinate" else numbers)
-    strengths = [guy.p.breaking_strength for guy in mast.rest.p.guys]
-    if any(strength is not None for strength in strengths):
-        strength = np.array([np.nan if value is None else float(value) for value in strengths])
-        result["utilisation"] = (("guy",), run.of_tensions.largest / strength)
-    return result
+    used = utilisation_of((guy.p for guy in mast.rest.p.guys), run.of_tensions.largest)
+    return result if used is None else result | {"utilisation": (("guy",), used)}
 
 
 def guy_fatigue(motion: xr.Dataset, window: tuple[float, float] | None = None) -> xr.DataArray | None:

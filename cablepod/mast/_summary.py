@@ -18,6 +18,7 @@ from cablepod.mast._piecewise_guys import first_thing, note_of_ratios
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.parameters._parameters import ramp_of
+from cablepod.parameters._utilisation import utilisation_of
 from cablepod.scene._mast import MAST_SCENE
 from cablepod.scene._mast_notes import notes_of_mast
 from cablepod.scene._warnings import without_warnings
@@ -141,9 +142,8 @@ def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str
         variables |= {
             name: at_rest[name].variable for name in ("guy_length", "guy_tension", "guy_tension_anchor", "anchor")
         }
-        strength = np.array([np.nan if guy.p.breaking_strength is None else guy.p.breaking_strength for guy in p.guys])
-        if np.isfinite(strength).any():
-            used = at_rest["guy_tension"].values / strength
+        used = utilisation_of((guy.p for guy in p.guys), at_rest["guy_tension"].values)
+        if used is not None:
             variables["tension_over_breaking_strength"] = xr.Variable("guy", used)
     return at_rest, variables
 

@@ -19,6 +19,7 @@ from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
+from cablepod.parameters._utilisation import utilisation
 from cablepod.scene._note import Note, outside
 from cablepod.scene._table_notes import notes_of_tables
 
@@ -212,7 +213,7 @@ def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None)
     what = "an unstretched length over the chord"
     yield from outside(key, what, numbers.length / numbers.chord, (0.0, LARGEST_LENGTH), "")
     if p.breaking_strength is not None:
-        what, used = f"a tension at rest{air} over the breaking strength", tension / p.breaking_strength
+        what, used = f"a tension at rest{air} over the breaking strength", utilisation(tension, p.breaking_strength)
         yield from outside("cable.breaking_strength", what, used, (0.0, 1.0), "")
     lower, upper = p.initial_ends
     if upper[1] < lower[1] and p.weight[1] < 0.0:

@@ -22,6 +22,7 @@ from cablepod.mast._piecewise_guys import kind_in_studies, kind_of_guys, refuse_
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._guys import LINKS
 from cablepod.parameters._mast import mast_parameters
+from cablepod.parameters._utilisation import strengths_of, utilisation
 
 #: Number of vibration modes of one guy in and out of its plane.
 RANK = 8
@@ -93,11 +94,6 @@ class Kind:
         """Return the areas of the cross-sections of the lines [m2], or None."""
         return [p.area for p in self.lines(scene)]
 
-    def strengths(self, scene: xr.Dataset) -> np.ndarray:
-        """Return the breaking strengths of the lines [N], nan without."""
-        found = [p.breaking_strength for p in self.lines(scene)]
-        return np.array([np.nan if strength is None else float(strength) for strength in found])
-
     def check_areas(self, scene: xr.Dataset) -> None:
         """Refuse a damage by stresses of cables without an area.
 
@@ -126,7 +122,7 @@ class Kind:
             series = part.get("guy_tension")
         else:
             result, series = _of_cable(part)
-        strengths = self.strengths(scene)
+        strengths = strengths_of(self.lines(scene))
         if np.isfinite(strengths).any():
             result = result.assign(
                 breaking_strength=(self.line, strengths, {"units": "N", "long_name": "breaking strength of the cable"})
@@ -229,7 +225,7 @@ def with_peaks(result: xr.Dataset, kind: Kind, level: float) -> xr.Dataset:
     if peak not in result:
         return result
     if "breaking_strength" in result:
-        result["utilisation"] = (result[peak] / result["breaking_strength"]).assign_attrs(
+        result["utilisation"] = utilisation(result[peak], result["breaking_strength"]).assign_attrs(
             units="1", long_name="mean over the storms of the largest tension, over breaking strength"
         )
     where = result[peak].fillna(-np.inf).argmax(("direction", "speed"))

@@ -17,6 +17,7 @@ from cablepod.fatigue._cycles import EXPONENT, FREQUENCY
 from cablepod.integrate._window import within
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import ramp_of
+from cablepod.parameters._utilisation import utilisation
 from cablepod.study._models import recorded
 
 #: Instants in a period of the fastest vibration that the summary tells, the third one, and their least and largest number.
@@ -106,7 +107,7 @@ def tension_in_wind(
             "end_tension_maximum_time": ("end", peak),
             "fatigue_range": fatigue.equivalent(counted, exponent=EXPONENT, frequency=FREQUENCY),
             **{name: ((), value.item()) for name, value in of_run.items()},
-            **({} if p.breaking_strength is None else {"utilisation": ((), largest / p.breaking_strength)}),
+            **({} if p.breaking_strength is None else {"utilisation": ((), utilisation(largest, p.breaking_strength))}),
         }
     )
     label(table, **NAMES)

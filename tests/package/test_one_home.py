@@ -1,4 +1,4 @@
-"""Laws, closure, drag and dampings have one home each: with another sign there, all models that have the term change."""
+"""Laws, closure, drag, dampings, utilisation have one home each: altered there, all models and tables that have them change."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ SIGNS = {
     "viscosity": (
         "discretisation/_formulas.py", "return elastic + damping * rate / square", "return elastic - damping * rate / square"
     ),
+    "utilisation": ("parameters/_utilisation.py", "return tension / strength", "return strength / tension"),
     "damping by mass": ("discretisation/_mass_damping.py", "-np.expm1(-damping * time)", "np.expm1(-damping * time)"),
 }  # fmt: skip
 #: Calls that have a term: masts and hosts have no damping by the tension, periodic responses no wind.
@@ -56,6 +57,7 @@ CALLS = {
     "linear law": ["chain", "implicit chain", "conserving chain", "cable", "exact run", "mast of chains"],
     "law (21)": ["green chain", "green implicit chain", "green conserving chain", "green cable", "green exact run"],
     "viscosity": ["viscous chain", "viscous implicit chain", "viscous cable", "mast of chains"],
+    "utilisation": ["used at rest", "used in stringing", "used guys at rest", "used guys"],
     "damping by mass": ["slow chain", "slow cable", "slow run", "slow batch"],
 }
 #: Prints a number of each call; kernels are not compiled, so that it takes seconds.
@@ -70,6 +72,7 @@ from wind_scenes import GUY as CABLE, WIND as STEADY
 
 warnings.simplefilter("ignore")
 SHORT = {"duration": 0.2, "interval": 0.1}
+STRENGTH = {"breaking_strength": 1e5}
 
 def guy(damping):
     mapping = copy.deepcopy(GUY)
@@ -85,6 +88,15 @@ def mast(**options):
         mapping["wind"], mapping["mast"]["drag_area"], mapping["time"] = WIND, 0.3, {"duration": 0.4, "interval": 0.04}
         del mapping["mast"]["load"]
     return cp.mast.simulate(small(change), **options).guy_tension
+
+def strong():
+    return cp.make_scene({**GUY, "cable": {**GUY["cable"], **STRENGTH, "thermal_expansion": 1e-5}})
+
+def strong_mast():
+    def change(mapping):
+        mapping["cables"]["guy"] |= STRENGTH
+        mapping["time"] = {"duration": 0.08, "interval": 0.04}
+    return small(change)
 
 def run(scene, **options):
     return cp.condensed.simulate(scene, modes(scene), outputs=("tension",), **options).tension
@@ -138,6 +150,10 @@ calls = {
     "windy cable": lambda: cable(windy()), "mast of chains": lambda: mast(guys="chain", links=4),
     "slow chain": lambda: chain(guy(slow)), "slow cable": lambda: cable(guy(slow)), "slow run": lambda: run(guy(slow), **VERLET),
     "slow batch": lambda: batch(guy(slow), **VERLET),
+    "used at rest": lambda: cp.summary(strong()).utilisation,
+    "used in stringing": lambda: cp.catenary.stringing(strong(), [0.0, 20.0]).utilisation,
+    "used guys at rest": lambda: cp.mast.summary(strong_mast()).tension_over_breaking_strength,
+    "used guys": lambda: cp.mast.simulate(strong_mast()).utilisation,
 }
 found = {}
 for name in sys.argv[1:]:
