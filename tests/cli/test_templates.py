@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 
+import numpy as np
 import pytest
 from children import without_progress
 
@@ -22,6 +23,27 @@ def test_what_new_writes_runs(here, capsys):
     assert 0 < error < 0.05  # two modes of a taut guy's slow motion: a first result should not puzzle
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_links_of_the_new_scene_resolve_gusts(seed):
+    """Of motion, peak, standard deviation and fatigue range of the tensions at the ends; 20 links err by ten times as much."""
+    tables = tomllib.loads((shipped.data_folder() / "new.toml").read_text())
+    del tables["motion"]
+    tables["wind"] = {"speed": 25.0, "direction": [1.0, 0.0], "turbulence": {"spectrum": "kaimal", "seed": seed}}
+    tables["time"]["interval"] = 0.02
+    outputs = ("position", "tension", "tension_extremes")
+    own, fine = (
+        cp.chain.simulate(cp.make_scene(tables), links=links, tolerance=1e-3, outputs=outputs)
+        for links in (tables["chain"]["links"], 160)
+    )
+    assert float(cp.compare.errors(own, fine).error_max) < 0.015
+    ends = [run.isel(link=[0, -1]) for run in (own, fine)]
+    peak, spread = ([end.tension_maximum for end in ends], [end.tension.std("time") for end in ends])
+    ranges = [cp.fatigue.equivalent(end.tension) for end in ends]
+    for (found, true), most in ((peak, 1e-3), (spread, 4e-3), (ranges, 4e-3)):
+        np.testing.assert_allclose(found, true, rtol=most)
+
+
 def test_each_block_of_the_new_scene_can_be_uncommented():
     text = (shipped.data_folder() / "new.toml").read_text()
     blocks = [block for block in text.split("\n\n") if block.startswith("# [")]
@@ -36,7 +58,7 @@ def test_each_block_of_the_new_scene_can_be_uncommented():
     everything = text
     for block in blocks:
         everything = everything.replace(block, "\n".join(line.removeprefix("# ") for line in block.splitlines()))
-    assert cp.chain.rest(cp.make_scene(tomllib.loads(everything))).sizes["link"] == 20
+    assert cp.chain.rest(cp.make_scene(tomllib.loads(everything))).sizes["link"] == 40
 
 
 def test_examples_are_listed_with_their_titles(capsys):
