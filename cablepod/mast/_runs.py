@@ -115,8 +115,9 @@ class MastCase:
         run, notes = _converged(self.model, self.request, self.tolerance)
         if "error_estimate" in self.wanted and not run.status:
             richer, request = self._condensed(None, self.count + RICHER), run.request
-            finer = richer.run(request_of(request.times, min(request.step, richer.default_step), None, self.window))
-            notes["error_estimate"] = float(difference(run, finer).max(initial=0.0))
+            step = 0.5 * min(request.step, richer.default_step)  # with the same step both would have its error
+            finer = richer.run(request_of(request.times, step, None, self.window))
+            notes["error_estimate"] = np.nan if finer.status else float(difference(run, finer).max(initial=0.0))
         return run, notes
 
     def result(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:

@@ -72,7 +72,8 @@ def simulate(
     outputs
         Some of "displacement", "guy_tension", "guy_force", "bending_moment", "shear_force", "axial_compression", "foot_force",
         "anchor_force", "extremes", "envelopes"; with condensed guys also "guy_position" (at 21 points of each guy), "energy"
-        (without wind) and "error_estimate" (one more run with richer guys, on sines).
+        (without wind) and "error_estimate" (one more run with richer guys, on sines, and
+        at most half the step; nan where that stops; without what order "leading" neglects, up to 1 %).
     progress
         Callback receiving the completed fraction, 1 at the end.
 

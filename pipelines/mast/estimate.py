@@ -3,7 +3,7 @@
     python pipelines/mast/estimate.py [--readme] [--quick]
 
 A minute of the storm of the mast of 120 m, the same turned by 60 degrees, and the pull of the mast of 30 m (``mast30``, 10 s).
-The guys have two, four and six modes and the default step.  Continuous guys are chains of 160 and 80 links, extrapolated as in
+The guys have two to twelve modes and the default step.  Continuous guys are chains of 160 and 80 links, extrapolated as in
 run.py.  Error and estimate are the rms difference of the tensions over their standard deviation, of the worst guy.
 """
 
@@ -25,7 +25,7 @@ import cablepod as cp
 from cablepod import examples
 
 HERE = Path(__file__).resolve().parent
-RANKS = (2, 4, 6)
+RANKS = (2, 4, 6, 8, 12)
 
 
 def storm(degrees: float) -> xr.Dataset:

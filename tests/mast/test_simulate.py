@@ -135,6 +135,14 @@ def test_error_estimate_is_of_the_size_of_the_error(options):
     assert 0.5 * actual < run.attrs["error_estimate"] < 2.0 * actual
 
 
+def test_error_estimate_has_the_error_of_the_step():
+    """With eight modes in taut guys it is nearly all; of a richer run with the same step the estimate was a fifth of it."""
+    scene = small(lambda mapping: mapping["guy"][0].update(top_tension=15000.0))
+    run = cp.mast.simulate(scene, rank=8, outputs=("guy_tension", "error_estimate"))
+    fine = cp.mast.simulate(scene, rank=12, step=5e-4, outputs=("guy_tension",))
+    assert 0.7 < run.attrs["error_estimate"] / rms(run, fine).max() < 1.3
+
+
 @pytest.mark.parametrize("options", [{}, {"times": [0.0]}])
 @pytest.mark.filterwarnings("error")
 def test_errors_of_a_mast_that_stands_still_are_parts_of_its_tensions(options):
