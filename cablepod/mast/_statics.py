@@ -20,8 +20,9 @@ from cablepod.parameters._mast import MastParameters
 from cablepod.scene._mast_notes import mast_hint
 from cablepod.wind._mast_air import MastAir
 
-#: Maximum number of Newton iterations, the last correction over the height, and that below which it may stop to fall by rounding.
-MAX_ITERATIONS, RTOL, ROUNDED = 60, 1e-13, 1e-10
+#: Maximum number of Newton iterations, the last correction over the height, and that below which it may stop to fall by rounding:
+#: of nodes 1e-4 of the height apart, corrections of 2e-9 are left.
+MAX_ITERATIONS, RTOL, ROUNDED = 60, 1e-13, 1e-7
 #: Minimum share of loads and wind by which they grow where Newton's method fails with all of them.
 LEAST_SHARE = 1.0 / 64.0
 #: Largest displacement of an iterate over the height: beyond, the equations for small slopes do not hold.
