@@ -463,6 +463,12 @@ def dimension_cut(ds, rng):
     return None if dim is None else Altered(ds.isel({dim: slice(ds.sizes[dim] // 2)}), "other")
 
 
+@over({name: name for name in ("time", "particle", "link", "coordinate", "mode", "member")})
+def emptied(ds, rng, dim):
+    """No element of a dimension is left."""
+    return Altered(ds.isel({dim: []}), "other") if dim in ds.dims else None
+
+
 @alteration
 def dimension_added(ds, rng):
     """A dimension that the variable does not have."""

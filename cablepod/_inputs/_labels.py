@@ -67,12 +67,12 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
     if dim not in variable.dims or arc.dtype.kind not in "fiu":
         raise scene_error(f"{key}: {name}", f"{variable.dims} of type {arc.dtype}", f"numbers over {dim} [m]")
     place = variable.dims.index(dim)
+    if arc.shape[place] < (least := 2 if dim == "particle" else 1):
+        raise scene_error(f"{key}: {name}", f"those of {arc.shape[place]} {dim}s", f"at least {least}")
     rows = arc[None] if arc.ndim == 1 else np.moveaxis(arc, place, -1).reshape(-1, arc.shape[place])
     order = _common_order(rows)
     rows = rows if order is None else rows[:, order]
-    if arc.ndim == 1 and not (
-        arc.size >= (2 if dim == "particle" else 1) and is_rising(rows[0]) and np.isfinite(rows).all()
-    ):
+    if arc.ndim == 1 and not (is_rising(rows[0]) and np.isfinite(rows).all()):
         raise scene_error(f"{key}: {name}", arc.tolist(), f"those of the {dim}s, {RISING}, each once")
     if dim == "particle":
         _check_ends(f"{key}: {name}", rows, length)

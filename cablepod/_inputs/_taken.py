@@ -63,6 +63,8 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
         name = type(given).__name__
         article = "an" if name[:1].lower() in "aeiou" else "a"
         raise SceneError(f"{key}: given {article} {name}; allowed: {kind.allowed}{_remedy(kind)}")
+    if kind is not ANY and not given.sizes.get("member", 1):
+        raise SceneError(f"{key}: given no members; allowed: at least one")
     if not kind.is_small:
         given = _loaded(given)
     layout = _layout(key, given, kind)

@@ -235,8 +235,6 @@ def _prepare(
     scenes = taken("scenes", scenes, scene_kind(scenes))
     if "member" not in scenes.dims:
         raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
-    if not scenes.sizes["member"]:
-        raise SceneError("scenes: given no members; allowed: at least one")
     chosen, resolved = check_model(model, modes, options)
     check_scene_of_model(scenes, chosen)
     size = integer(least=1, most=10**6)("batch", batch)

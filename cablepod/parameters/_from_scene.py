@@ -96,8 +96,6 @@ class Members(Sequence[Parameters]):
         self.varied: dict[str, Any] = {}  #: variable -> values, a row for each member
         if "mast_height" in scene.variables:
             raise SceneError("mast: given a scene with a mast; allowed: one with [cable], [ends]; try: mast.simulate")
-        if not scene.sizes.get("member", 1):
-            raise SceneError("scene: given no members; allowed: at least one")
         self.gapped: dict[str, Any] = {}  #: the same, nan for members that lack the variable
         for name, variable in scene.variables.items():
             if "member" in variable.dims:

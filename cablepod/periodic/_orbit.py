@@ -112,9 +112,9 @@ def orbit(
     """
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     wanted = given_names("outputs", outputs, OUTPUTS)
-    integer(least=1, most=8)("periods", periods)
+    periods = integer(least=1, most=8)("periods", periods)
     if harmonics is not None:
-        integer(least=2, most=MAX_HARMONICS * periods)("harmonics", harmonics)
+        harmonics = integer(least=2, most=MAX_HARMONICS * periods)("harmonics", harmonics)
 
     def one(scene: xr.Dataset, _: Callable[[float], None]) -> xr.Dataset:
         model, omega = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
@@ -132,7 +132,7 @@ def orbit(
 
     result = each_member(scene, one, progress)
     parameters = {
-        "rank": rank, "order": order, "periods": int(periods), "harmonics": harmonics, "out_of_plane": bool(out_of_plane),
+        "rank": rank, "order": order, "periods": periods, "harmonics": harmonics, "out_of_plane": bool(out_of_plane),
         "outputs": list(wanted),
     }  # fmt: skip
     inputs = () if start is None else (start,)
@@ -182,7 +182,12 @@ def state_of(model: PeriodicModel, start: Any, omega: float, periods: int, harmo
         start = start.assign_coords(time=start["member_time"].values)
     name = "harmonic_cosine" if "harmonic_cosine" in start else "amplitude"
     base = "harmonic" if name == "harmonic_cosine" else "time"
-    if name not in start or start[name].dims != (base, "mode") or start.sizes["mode"] < model.n_in_plane:
+    if (
+        name not in start
+        or start[name].dims != (base, "mode")
+        or start.sizes["mode"] < model.n_in_plane
+        or not start.sizes[base]
+    ):
         raise scene_error("start", f"a Dataset with {', '.join(map(str, start.data_vars))}", allowed)
     is_run = base == "time" and "angular_frequency" not in start
     given = periods if is_run else int(start.attrs.get("periods", start.get("periods", 1)))

@@ -111,6 +111,8 @@ def test_every_function_is_altered_and_every_alteration_applies():
         Attempt("condensed.simulate", True, 1, "variable_dropped", -6),
         Attempt("galerkin.simulate", False, 1, "variable_dropped", -5),
         Attempt("galerkin.simulate", False, 1, "variable_dropped", -7),
+        Attempt("plots.parameter_map", False, 0, "emptied: particle", 0),
+        Attempt("ensemble.batches", False, 0, "emptied: member", 0),
     ],
     ids=lambda attempt: attempt.name,
 )

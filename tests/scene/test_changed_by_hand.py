@@ -92,7 +92,7 @@ def test_a_member_that_no_scene_is_is_refused():
 
 def test_no_members_are_refused():
     members = cp.ensemble.design(examples.scene("example2"), {"cable.area": [1e-4, 2e-4]}, members=5, seed=1)
-    for function in (cp.catenary.rest, cp.chain.simulate, cp.summary):
+    for function in (cp.catenary.rest, cp.chain.rest, cp.chain.simulate, cp.cable.frequencies, cp.rigid.rest, cp.summary):
         with pytest.raises(cp.SceneError, match=r"^scene: given no members; allowed: at least one"):
             function(members.isel(member=[]))
 
