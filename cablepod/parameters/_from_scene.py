@@ -300,16 +300,19 @@ def time_function(table: Mapping[str, Any], path: str, *, keeps_start: bool = Fa
     Raises
     ------
     SceneError
-        For keys without kind, missing keys, and a record that is none; the message names the key.
+        For keys without kind or of another one, missing keys, and a record that is none; the message names the key.
     """
     kinds = time_function_keys("1")
+    given = [name for name in table if name in FUNCTION_KEYS or name in RECORD]
     if "kind" not in table:
-        given = [name for name in table if name in FUNCTION_KEYS or name in RECORD]
         if given:
             raise SceneError(f"{path}.kind: missing; allowed: one of {', '.join(kinds)}, with {path}.{given[0]}")
         return None
     kind = str(choice(*kinds)(f"{path}.kind", str(table["kind"])))
     keys = kinds[kind]
+    own = {*keys, *RECORD} if kind == "file" else keys
+    if others := [name for name in given if name not in own]:
+        raise SceneError(f"{path}.{others[0]}: unknown key of kind {kind}; allowed: {', '.join(keys)}")
     values = of_keys(table, RECORD if kind == "file" else keys)
     needed = [name for name, key in keys.items() if key.required or key.default is not None]
     refuse_missing(path, values, RECORD[:2] if kind == "file" else needed)

@@ -59,6 +59,8 @@ def turbulence_of(tables: Mapping[str, Any], wind: Mapping[str, Any] | None) -> 
     if wind is None:
         raise SceneError(f"wind.speed: missing; allowed: {describe(WIND['speed'])}")
     check_record(table)
+    if "record" in table and "record_sha256" not in table:
+        raise SceneError(f"{GUSTS}.record_sha256: missing; allowed: that of the record, as make_scene gives it")
     if "record" in table:
         return table
     table = whole(GUSTS, table, TURBULENCE)

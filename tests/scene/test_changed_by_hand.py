@@ -92,7 +92,14 @@ def test_a_member_that_no_scene_is_is_refused():
 
 def test_no_members_are_refused():
     members = cp.ensemble.design(examples.scene("example2"), {"cable.area": [1e-4, 2e-4]}, members=5, seed=1)
-    for function in (cp.catenary.rest, cp.chain.rest, cp.chain.simulate, cp.cable.frequencies, cp.rigid.rest, cp.summary):
+    for function in (
+        cp.catenary.rest,
+        cp.chain.rest,
+        cp.chain.simulate,
+        cp.cable.frequencies,
+        cp.rigid.rest,
+        cp.summary,
+    ):
         with pytest.raises(cp.SceneError, match=r"^scene: given no members; allowed: at least one"):
             function(members.isel(member=[]))
 
@@ -127,6 +134,12 @@ def record(times: list[float]) -> dict[str, object]:
     return {f"motion_upper_x_{key}": value for key, value in {"kind": "file", **samples}.items()}
 
 
+#: Variables of motions by their kind.
+KINDS = {
+    "one_minus_cosine": {"motion_upper_x_amplitude": 0.1, "motion_upper_x_angular_frequency": 2.0},
+    "ramp": {"motion_upper_x_amplitude": 0.1, "motion_upper_x_duration": 2.0},
+}
+KINDS = {kind: {"motion_upper_x_kind": kind, **variables} for kind, variables in KINDS.items()}
 #: Variables that do not go with those of the scene, and what is said.
 TOGETHER = [
     ({"cable_axial_stiffness": 2e7}, r"cable: given youngs_modulus = .* and axial_stiffness = .*; allowed: exactly one"),
@@ -147,6 +160,14 @@ TOGETHER = [
     ({"motion_upper_x_amplitude": 0.1}, r"motion\.upper\.x\.kind: missing; allowed: one of .*, with motion\.upper\.x\.amp"),
     ({"chain_link_lengths": ("chain_link_lengths_item", [1.0, -2.0, 2.0, 1.0])}, r"chain\.link_lengths\[1\]: given -2\.0;"),
     ({"damping_ratios": ("damping_ratios_item", [-0.1])}, r"damping\.ratios\[0\]: given -0\.1; allowed: .* of at least 0"),
+    ({**KINDS["one_minus_cosine"], "motion_upper_x_phase": 1.0},
+     r"motion\.upper\.x\.phase: unknown key of kind one_minus_cosine; allowed: amplitude, angular_frequency, ramp"),
+    ({**KINDS["ramp"], "motion_upper_x_ramp": 1.0}, r"motion\.upper\.x\.ramp: unknown key of kind ramp; allowed: amplitude, dur"),
+    ({**KINDS["ramp"], "motion_upper_x_value": ("motion_upper_x_sample", np.zeros(4))},
+     r"motion\.upper\.x\.value: unknown key of kind ramp"),
+    ({**{name.replace("motion_upper_x", "load"): value for name, value in KINDS["ramp"].items()}, "load_phase": 0.1,
+      "load_uniform": ("coordinate", [0.0, 1.0])}, r"load\.phase: unknown key of kind ramp; allowed: amplitude, duration"),
+    ({"wind_turbulence_record": "field.nc"}, r"wind\.turbulence\.record_sha256: missing; allowed: that of the record"),
     (record([0.0, 2.0, 1.0, 3.0]), r"motion\.upper\.x\.time: the record is unsorted: time 1 s follows 2 s; allowed: rising"),
     (record([0.0, 1.0, 2.0]), r"motion\.upper\.x\.time: the record is too short: 3 rows; allowed: one of at least 4"),
 ]  # fmt: skip
