@@ -40,7 +40,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     Notes
     -----
     If the run or the reference has the dimension ``member``, the errors have it too, with its coordinates.  Members of both are
-    paired by their labels.
+    paired by their labels, also one member that was picked, as by ``isel(member=0)`` (with ``drop=True`` it has no label).
 
     Examples
     --------
@@ -52,6 +52,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     0.1
     """
     run, truth = taken("run", run, MOTION), taken("truth", truth, MOTION)
+    run, truth = _of_one_member(run, truth), _of_one_member(truth, run)
     if "member" in run.dims or "member" in truth.dims:
         return _member_errors(run, truth)
     _check_instants(run["time"].values, truth["time"].values)
@@ -86,6 +87,20 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         stage="comparison",
     )
     return provenance.record(result, function="compare.errors", parameters={}, inputs=[run, truth])
+
+
+def _of_one_member(dataset: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
+    """Return a Dataset, of several members the one that was picked of the other; refuse another one."""
+    names = [one.coords.get("member") for one in (dataset, other)]
+    if names[0] is None or names[1] is None or names[1].ndim:
+        return dataset
+    found = np.flatnonzero(names[0].values == names[1].values)
+    if found.size != 1:
+        given, allowed = (shown(name.values.tolist()) for name in names)
+        raise SceneError(
+            f"run and truth: given the members {given} and {allowed}; allowed: the same; try: isel(..., drop=True)"
+        )
+    return dataset.isel(member=int(found[0])) if names[0].ndim else dataset
 
 
 def _check_instants(times: np.ndarray, reference: np.ndarray) -> None:

@@ -92,3 +92,10 @@ def test_members_are_paired_by_their_labels(soft):
     assert np.array_equal(result.cable_top_tension, run.cable_top_tension)
     with pytest.raises(cp.SceneError, match=r"^run: given the members \[1, 2\]; allowed: those of the truth, \[0, 1\]"):
         cp.compare.errors(run.isel(member=[1, 2]), run.isel(member=[0, 1]))
+    one = run.isel(member=1)
+    for pair in ((one, run), (run, one), (one, one)):
+        assert float(cp.compare.errors(*pair).error_max) == 0.0
+    for other in (run.isel(member=[0, 2]), run.isel(member=0)):
+        with pytest.raises(cp.SceneError, match=r"^run and truth: given the members .*; allowed: the same; try: isel"):
+            cp.compare.errors(one, other)
+    assert cp.compare.errors(one.drop_vars("member"), run).error_max.values[1] == 0.0
