@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._resources import check_bytes
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, warn
 from cablepod.parameters._parameters import InWind, Parameters, has_record, ramp_of
@@ -28,6 +29,8 @@ from cablepod.wind._turbulence import across_of, direction_of, gusts
 
 #: Interval of the turbulence [s], and number of equidistant points along the cable: those of a scene do not depend on the model.
 INTERVAL, POINTS = 0.1, 41
+#: Arrays of a field while it is made, over the velocities: these, their components, the harmonics of one.
+ARRAYS_OF_FIELD = 3
 #: Number of samples that are rearranged together, which the caches of a processor hold.
 SAMPLES_TOGETHER = 128
 #: Where the profile of the mean wind bends, further points halve an interval until straight lines miss this part of the speed at
@@ -232,9 +235,15 @@ def mean_velocity(p: InWind, height: np.ndarray) -> np.ndarray:
     return mean_speed(p.wind, height - float(p.wind["ground"]))[..., None] * direction_of(p.wind)
 
 
-def instants_until(end_time: float) -> int:
-    """Return the number of instants of a field that covers a run until `end_time` [s]."""
-    return math.ceil(end_time / INTERVAL * (1.0 - 1e-12)) + 1
+def instants_until(end_time: float, places: int = 1) -> int:
+    """Return the number of instants of a field that covers a run until `end_time` [s], of `places` numbers each.
+
+    Refused are more than the memory holds with their harmonics and the models' copy.
+    """
+    count = math.ceil(end_time / INTERVAL * (1.0 - 1e-12)) + 1
+    needed = 8.0 * ARRAYS_OF_FIELD * places * count
+    check_bytes(needed, "times", f"instants until {end_time:g} s, {needed / 1e9:.3g} GB of wind")
+    return count
 
 
 @dataclass(frozen=True)
@@ -268,7 +277,7 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
 
     assert p.wind is not None
     assert p.turbulence is not None
-    count = next_fast_len(instants_until(end_time) + 1)
+    count = next_fast_len(instants_until(end_time, position.size) + 1)
     total, seed = np.zeros((count, *position.shape)), int(p.turbulence["seed"])
     if not float(p.wind["speed"]):
         return total

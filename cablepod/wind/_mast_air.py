@@ -148,7 +148,7 @@ def _of_scene(content: ByKey) -> MastAir:
     if p.turbulence is None and not ramp_of(p):
         velocity = np.repeat(mean[None], 2, axis=0)
     else:
-        velocity = np.zeros((instants_until(end_time), *mean.shape))
+        velocity = np.zeros((instants_until(end_time, mean.size), *mean.shape))
         if p.turbulence is not None and float(p.wind["speed"]):
             velocity = turbulence_at(p, position, end_time, _order_in_wind(p))[: len(velocity)]
         velocity += mean

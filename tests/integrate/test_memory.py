@@ -4,7 +4,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from mast_scenes import small, windy
 from scenes import SOFT
+from wind_scenes import GUY, KAIMAL
 
 import cablepod as cp
 from cablepod import SceneError, _resources
@@ -64,3 +66,19 @@ def test_of_other_models(model, monkeypatch):
     }
     times = np.arange(1500.0) / (2.0**14 if model == "explicit chain" else 1024)
     refused_above_half_of_the_memory(runs[model], times, monkeypatch, 8.0)
+
+
+@pytest.mark.parametrize("end", [1e9, 2**70])
+@pytest.mark.parametrize("call", ["condensed", "mast", "field"])
+def test_of_gusts(call, end):
+    """The gusts of a run that is far too long are not made, even where it has two output times."""
+    guy = cp.make_scene({**GUY, "wind": KAIMAL})
+    calls = {
+        "condensed": lambda times: cp.condensed.simulate(guy, cp.condensed.vibration_modes(guy, rank=1), times=times),
+        "mast": lambda times: cp.mast.simulate(small(windy), times=times),
+        "field": lambda times: cp.wind.field(guy, times=times),
+    }
+    with pytest.raises(
+        SceneError, match=r"^times: given instants until .* GB of wind; allowed: half of this machine's"
+    ):
+        calls[call]([0.0, end])
