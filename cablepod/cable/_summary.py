@@ -128,7 +128,7 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     >>> from cablepod import examples
     >>> numbers = cp.summary(examples.scene("example2"))
     >>> round(float(numbers.stress) / 1e6), numbers.frequency_in_plane.values.round(2).tolist(), str(numbers.note.values)
-    (120, [1.0, 1.98, 2.98], '')
+    (120, [1.0, 1.98, 2.97], '')
     """
     scene = taken("scene", scene, SCENE)
     members = list(Members(scene))

@@ -150,7 +150,7 @@ def equivalent(
     >>> time = np.arange(0.0, 100.25, 0.25)
     >>> series = xr.DataArray(3.0 * np.sin(2.0 * np.pi * time), dims="time", coords={"time": time})
     >>> round(float(cp.fatigue.equivalent(series, frequency=1.0)), 3)
-    5.989
+    5.993
     """
     m, reference = number(above=0.0)("exponent", exponent), number(above=0.0)("frequency", frequency)
     scale, sums, dims = _damage_sums(series, m, dim)

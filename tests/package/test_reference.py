@@ -104,7 +104,12 @@ def test_a_reference_to_nothing_is_seen():
     assert not resolves("cablepod.discretisation._similarity.feature", cp.chain)
 
 
-@pytest.mark.parametrize("function", MAIN, ids=lambda f: f"{f.__module__}.{f.__qualname__}")
+WITH_EXAMPLES = {
+    f"{f.__module__}.{f.__qualname__}": f for f in (*MAIN, *functions()) if f in MAIN or ">>>" in (f.__doc__ or "")
+}
+
+
+@pytest.mark.parametrize("function", WITH_EXAMPLES.values(), ids=WITH_EXAMPLES)
 def test_examples_run(function, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").symlink_to(shipped.data_folder())
