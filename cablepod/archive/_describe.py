@@ -11,6 +11,7 @@ from cablepod.archive._attributes import call_text, checked_stages, stage_of
 from cablepod.archive._folder import path_of
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, open_file
 from cablepod.errors import ArchiveError, printable
+from cablepod.parameters._checks import truth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -44,6 +45,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str], *, verify: bool = True
     >>> print(cp.archive.describe(scene).splitlines()[0])
     title     Example 2: slow end motion
     """
+    truth("verify", verify)
     if isinstance(source, xr.Dataset):
         return "\n".join(map(printable, _description(source)))
     path = path_of(source, key="source", allowed="a Dataset, or the path of a netCDF file")

@@ -12,6 +12,7 @@ from typing import Any
 from cablepod._resources import defer_sigint
 from cablepod.archive._atomic import clear_abandoned, part_in, sync_folder
 from cablepod.errors import ArchiveError, shown
+from cablepod.parameters._checks import truth
 
 
 def path_of(path: Any, *, key: str = "path", allowed: str = "a path, as text or pathlib.Path") -> Path:
@@ -31,6 +32,7 @@ def check_folder(out: Path, files: Sequence[str], *, overwrite: bool, key: str =
     ArchiveError
         If the folder cannot be created or written, or contains one of `files` and `overwrite` is false.
     """
+    truth("overwrite", overwrite)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

@@ -34,6 +34,7 @@ from cablepod.archive._seal import seal_of
 from cablepod.batch._stack import is_varied
 from cablepod.conventions import attribute_labels
 from cablepod.errors import ArchiveError
+from cablepod.parameters._checks import truth
 
 #: Maximum bytes of a dask chunk; longer batches are split along time.
 CHUNK = 1 << 26
@@ -121,9 +122,10 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False, ver
         version (named in the message).
     """
     folder = path_of(path)
+    incomplete, verify = truth("incomplete", incomplete), truth("verify", verify)
     manifest = read_manifest(folder, verify=verify)
     sizes = sizes_of(manifest)
-    numbers = [number for number in range(len(sizes)) if incomplete is False or (folder / file_of(number)).exists()]
+    numbers = [number for number in range(len(sizes)) if not incomplete or (folder / file_of(number)).exists()]
     if not incomplete:
         _check_complete(folder, manifest, sizes)
     _check_files(folder, manifest, numbers, verify=verify)

@@ -21,6 +21,7 @@ from cablepod.archive._checksums import CHECKSUMS
 from cablepod.archive._folder import path_of
 from cablepod.archive._seal import SCHEMA
 from cablepod.errors import ArchiveError
+from cablepod.parameters._checks import truth
 
 _LIBRARY = threading.RLock()
 #: Exceptions of xarray and netCDF for files that they cannot read or write.
@@ -166,7 +167,7 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None, verify: bool = Tru
         If the file is missing, empty, truncated or damaged, changed since it was written (the message names what), not from this
         package, or from a newer version.
     """
-    path = path_of(path)
+    path, verify = path_of(path), truth("verify", verify)
     if chunks is not None:
         if find_spec("dask") is None:
             raise ArchiveError(f"{path}: reading in chunks needs dask; install it, or read without chunks")

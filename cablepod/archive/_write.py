@@ -19,6 +19,7 @@ from cablepod.archive._folder import path_of
 from cablepod.archive._read import LIBRARY_ERRORS, netcdf_lock
 from cablepod.archive._seal import add_seal
 from cablepod.errors import ArchiveError
+from cablepod.parameters._checks import truth
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
@@ -139,6 +140,7 @@ def check_target(path: Path, *, overwrite: bool) -> None:
     ArchiveError
         If the folder is missing or not writable, the path is a folder, or the file exists and `overwrite` is false.
     """
+    truth("overwrite", overwrite)
     folder = path.parent
     if not folder.is_dir():
         problem = "is not a folder; give another path" if folder.exists() else "does not exist; make that folder first"

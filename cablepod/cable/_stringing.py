@@ -16,14 +16,13 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod._inputs import SCENE, taken
+from cablepod._inputs import SCENE, numbers_in, taken
 from cablepod.cable._frequencies import converged_vibrations
 from cablepod.cable._summary import largest_tensions, largest_utilisation, rest_in_wind
 from cablepod.catenary._statics import load_plane, sag_of_scene, solve_statics
 from cablepod.conventions import STILL_AIR, label
 from cablepod.errors import SceneError, UnusualSceneWarning, named, scene_error, warn
 from cablepod.parameters._check_tables import check_table
-from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ICE, TOP
 from cablepod.parameters._parameters import Parameters
@@ -140,7 +139,7 @@ def stringing(
 
 def _temperatures(given: Any) -> list[float]:
     """Return temperatures [degC]: different numbers that a scene may have."""
-    values = numbers_list(least_length=1)("temperatures", np.atleast_1d(given) if np.ndim(given) == 0 else given)
+    values = numbers_in("temperatures", given, "degC", "a finite number or a list of them [degC]").tolist()
     checked = [TOP["temperature"].check(f"temperatures[{k}]", value) for k, value in enumerate(values)]
     if len(set(checked)) < len(checked):
         raise scene_error("temperatures", given, "different temperatures [degC]")

@@ -23,7 +23,7 @@ from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.discretisation._similarity import features
 from cablepod.errors import scene_error
 from cablepod.integrate._output import particle_coordinates
-from cablepod.parameters._checks import integer
+from cablepod.parameters._checks import integer, truth
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._particles import refuse_own
@@ -111,6 +111,7 @@ def vibration_modes(
         raise scene_error("ends.free", p.free_end, "two held ends, which define the chord")
     chain = chain_of(p, links, law)
     integer(least=1)("rank", rank)
+    truth("static_modes", static_modes)
     if rank > chain.links - 1:
         raise scene_error("rank", rank, f"at most {chain.links - 1}, the number of inner particles")
     has_dampers = not static_modes and any(re.fullmatch(r"attachment_\d+_damper", str(name)) for name in scene)

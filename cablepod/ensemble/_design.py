@@ -69,7 +69,10 @@ def design(
     scene = taken("scene", scene, scene_kind(scene))
     if "member" in scene.dims:
         raise SceneError("scene: given no Dataset of one scene; allowed: a result of make_scene or read_scene")
-    options: dict[str, Any] = {"members": members, "sampling": sampling, "seed": seed}
+    given = {"members": members, "sampling": sampling, "seed": seed}
+    options: dict[str, Any] = {
+        name: None if value is None else ENSEMBLE[name].check(name, value) for name, value in given.items()
+    }
     prefix = "ranges"
     if ranges is None:
         if "ensemble_json" not in scene.attrs:

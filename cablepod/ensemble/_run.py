@@ -34,7 +34,7 @@ from cablepod.ensemble._job import Done, compute_collecting, inputs_of, run_batc
 from cablepod.ensemble._models import accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, check_workers, is_here, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, warn
-from cablepod.integrate._request import Request
+from cablepod.integrate._request import Request, check_progress
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters
@@ -116,6 +116,7 @@ def run(
         once for each category.
     """
     check_workers(scheduler, workers)
+    check_progress(progress)
     plan, inputs, of_member = _prepare(scenes, model, modes, options, batch)
     with defer_sigint(), resume.open_store(path, plan, inputs, overwrite=overwrite) as store:
         missing = store.missing()
@@ -179,6 +180,7 @@ def batches(
         As :func:`run`, those of members behind the last batch.
     """
     check_workers(scheduler, workers)
+    check_progress(progress)
     plan, inputs, of_member = _prepare(scenes, model, modes, options, batch)
     _check_memory(of_member, plan, len(sizes_of(plan)), scheduler, workers)
     return _batches(plan, inputs, scheduler, workers, progress)

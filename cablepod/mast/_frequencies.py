@@ -75,8 +75,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str | None = None, 
     """
     from scipy.linalg import eigh
 
-    integer(least=1, most=10**4)("count", count)
-    integer(least=1, most=60)("rank", rank)
+    count, rank = integer(least=1, most=10**4)("count", count), integer(least=1, most=60)("rank", rank)
     p = mast_parameters(scene)
     guys = kind_of_guys(p) if guys is None else choice(*KINDS)("guys", guys)
     if guys == "condensed":

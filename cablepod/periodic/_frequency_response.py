@@ -113,7 +113,7 @@ def frequency_response(
     low, high = frequency_range(frequency)
     integer(least=2)("points", points)
     if harmonics is not None:
-        integer(least=2, most=MAX_HARMONICS)("harmonics", harmonics)
+        harmonics = integer(least=2, most=MAX_HARMONICS)("harmonics", harmonics)
     names = given_names("follow", follow, FOLLOW)
     one_member(scene, "frequency_response")
     model, _ = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)

@@ -11,6 +11,8 @@ import xarray as xr
 from cablepod.batch._stack import MemberResults, arrays_of, labelled_like
 from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, SceneError, one_of, scene_error
+from cablepod.integrate._request import check_progress
+from cablepod.parameters._checks import truth
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing
 from cablepod.periodic._model import PeriodicModel
@@ -33,24 +35,18 @@ def given_names(key: str, given: Any, allowed: tuple[str, ...]) -> tuple[str, ..
     return names
 
 
-def flag(key: str, value: Any) -> bool:
-    """Check a truth value."""
-    if not isinstance(value, bool | np.bool_):
-        raise scene_error(key, value, "True or False")
-    return bool(value)
-
-
 def model_of(
     scene: xr.Dataset, modes: xr.Dataset, *, rank: int | None, order: str, out_of_plane: bool
 ) -> tuple[PeriodicModel, float]:
     """Return the model of a scene of one member, and the angular frequency of its forcing [rad/s]."""
-    flag("out_of_plane", out_of_plane)
+    truth("out_of_plane", out_of_plane)
     forcing = periodic_forcing(Members(scene)[0])
     return PeriodicModel.of(forcing, modes, rank=rank, order=order, out_of_plane=out_of_plane), forcing.omega
 
 
 def rising(progress: Callable[[float], None] | None) -> Callable[[float], None]:
     """Return a callback that passes on completed fractions where they have grown; None to no callback."""
+    check_progress(progress)
     told = 0.0
 
     def tell(share: float) -> None:
@@ -90,6 +86,7 @@ def each_member(
     KeyboardInterrupt
         On Ctrl-C before anything was computed.
     """
+    check_progress(progress)
     members, told = Members(scene), progress or (lambda share: None)
     result = _of_members(scene, members, one, told) if "member" in scene.dims else one(scene, told)
     if "incomplete" not in result.attrs:

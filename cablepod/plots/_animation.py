@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import scene_error
-from cablepod.parameters._checks import integer, number
+from cablepod.parameters._checks import integer, number, truth
 from cablepod.plots import _style
 from cablepod.plots._style import COLOURS, SIGMA
 
@@ -202,6 +202,7 @@ def animate(
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
     times = positions["chain"]["time"].values
+    truth("deflection", deflection)
     most = _count(chain, times) if frames is None else integer(least=1)("frames", frames)
     picked = _style.spread(times.size, most)
     curves = list(_style.curves(runs, positions, times[picked], deflection=deflection).values())

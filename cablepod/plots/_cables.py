@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import numbers_in
 from cablepod.conventions import printed
 from cablepod.errors import scene_error
-from cablepod.parameters._checks import choice, number, numbers_list
+from cablepod.parameters._checks import choice, number, numbers_list, truth
 from cablepod.plots import _style
 from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MAX_INSTANTS, PLACE, SIGMA
 
@@ -61,6 +62,7 @@ def shapes(
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
     wanted = _wanted(positions["chain"], times)
+    truth("deflection", deflection)
     across = _moves_across(positions["chain"].values, deflection=deflection)
     curves = _style.curves(runs, positions, wanted, deflection=deflection, across=across)
     ax = _style.axes(ax)
@@ -300,9 +302,10 @@ def phase_portraits(
     x, v = (_style.take("run", run, name, ("time", *PLACE), allowed) for name in ("position", "velocity"))
     names = [str(name) for name in x["coordinate"].values]
     choice(*names)("coordinate", coordinate)
-    places = numbers_list()("at", np.atleast_1d(at))
+    allowed = f"one to {MAX_INSTANTS} places from 0 to 1"
+    places = numbers_in("at", at, "1", allowed).tolist()
     if len(places) > MAX_INSTANTS or not all(0.0 <= place <= 1.0 for place in places):
-        raise scene_error("at", places, f"one to {MAX_INSTANTS} places from 0 to 1")
+        raise scene_error("at", places, allowed)
     sigma = _style.sigma("run", run)
     place, speed = (part.values[..., names.index(coordinate)] for part in (x, v))
     ax = _style.axes(ax)

@@ -12,6 +12,7 @@ from cablepod._inputs import MAPPED, powers, taken
 from cablepod.conventions import VARIABLES
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._peak_error import MAX_PEAK_ERROR, along_members, peak_errors, slack_members
+from cablepod.parameters._checks import truth
 from cablepod.parameters._key_paths import key_of_variable, variable_name
 from cablepod.plots import _style
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
@@ -72,6 +73,7 @@ def parameter_map(
     """
     x, y = (variable_name(name) if isinstance(name, str) else name for name in (x, y))
     result = taken("result", result, MAPPED)
+    contours, hertz = truth("contours", contours), truth("hertz", hertz)
     across, up, values = _flat_columns(result, variable, x, y)
     lacking = ~(np.isfinite(across) & np.isfinite(up))
     if lacking.any() and not lacking.all() and result.sizes.get("member") == lacking.size:
@@ -150,7 +152,7 @@ def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np
     kinds = {str(name): column.dtype for name, column in result.variables.items()}
     numbers = [name for name, kind in kinds.items() if kind.kind in "iu" or (kind.kind == "f" and kind.itemsize >= 4)]
     for key, name in (("variable", variable), ("x", x), ("y", y)):
-        if name not in numbers:
+        if not isinstance(name, str) or name not in numbers:
             raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))
         own = scene_key.units if (scene_key := key_of_variable(name)) else VARIABLES.get(name, (None,))[0]
         units = result[name].attrs.get("units")

@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod.conventions import INTERRUPTED
 from cablepod.errors import SceneError
-from cablepod.parameters._checks import text
+from cablepod.parameters._checks import text, truth
 from cablepod.plots import _style
 from cablepod.plots._orbits import ORBIT
 
@@ -66,6 +66,7 @@ def frequency_response(
         For another Dataset.
     """
     text("variable", variable)
+    truth("hertz", hertz)
     if variable in _style.OVER_PLACES and isinstance(response, xr.Dataset):
         dim, reduce = _style.OVER_PLACES[variable]
         extreme = _style.take("response", response, variable, ("point", dim), RESPONSE)
@@ -201,6 +202,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
         For another Dataset.
     """
     text("variable", variable)
+    truth("hertz", hertz)
     dims = ("amplitude", "angular_frequency")
     first = _style.take("result", result, "growth_in_plane" if variable == "growth" else variable, dims, MAP)
     values, label = first.values, _label(first)

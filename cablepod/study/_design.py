@@ -16,8 +16,9 @@ from cablepod import archive, mast, provenance
 from cablepod._inputs import check_units, taken
 from cablepod.archive._folder import new_results, path_of
 from cablepod.errors import MemberFailedWarning, SceneError, scene_error, shown
+from cablepod.integrate._request import check_progress
 from cablepod.mast._runs import warn_of_late_breaks
-from cablepod.parameters._checks import integer, number, numbers_list
+from cablepod.parameters._checks import integer, number, numbers_list, truth
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import scene_kind
@@ -128,6 +129,8 @@ def design(
     ('direction', 'speed', 'guy')
     """
     scene = taken("scene", scene, scene_kind(scene))
+    check_progress(progress)
+    overwrite = truth("overwrite", overwrite)
     kind = MAST if "mast_height" in scene else CABLE
     axes = _axes(scene, directions, speeds, storms)
     level = number(above=0.0, most=0.9999)("level", level)

@@ -18,6 +18,8 @@ from cablepod import archive
 from cablepod._models import REDUCED
 from cablepod.archive._folder import check_folder, new_results, sole_run
 from cablepod.errors import RunStopped, warn
+from cablepod.integrate._request import check_progress
+from cablepod.parameters._checks import truth
 from cablepod.study._figures import FIGURES, MAST_FIGURES, check_backend
 
 #: Stages of a cable beside the reduced models, and of a mast.
@@ -144,6 +146,8 @@ def stages_in(
         If the folder cannot be made or written, another run is at work there, or it holds files of a study and `overwrite` is
         false.
     """
+    check_progress(progress)
+    overwrite = truth("overwrite", overwrite)
     if out is None:
         yield Stages(None, progress, report)
         return

@@ -63,7 +63,33 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
     "model": ("bogus", None, 3, ["chain"]),
     "path": (None, 3, b"a", ["a"]),
     "ranks": (0, "two", [1.5], None, [[1]]),
+    "sampling": ("bogus", 3, ["grid"], np.array(["grid", "list"])),
+    "temperatures": ([[1.0], [1.0, 2.0]], "hot", [], [True], xr.Dataset(), xr.DataArray([290.0], attrs={"units": "K"})),
+    "at": ([[0.1], [0.1, 0.2]], "middle", 1.5, [], xr.Dataset()),
+    "variable": (None, 3, "bogus", ["error"], np.array(["error"]), xr.Dataset()),
+    "progress": (0, "bar", [print], True),
+    **dict.fromkeys(
+        (
+            "overwrite",
+            "verify",
+            "incomplete",
+            "center",
+            "static_modes",
+            "deflection",
+            "hertz",
+            "contours",
+            "out_of_plane",
+        ),
+        ("no", None, 0, 1.0, [True], np.array([True, False])),
+    ),
 }
+#: Whole numbers, of calls that are given them.
+WHOLE = {
+    "cable.frequencies": {"count": 2}, "chain.simulate": {"links": 4}, "condensed.simulate": {"rank": 2},
+    "condensed.vibration_modes": {"rank": 2}, "ensemble.design": {"members": 2, "seed": 1}, "galerkin.simulate": {"rank": 2},
+    "mast.frequencies": {"count": 4, "rank": 2}, "periodic.orbit": {"rank": 1, "periods": 1, "harmonics": 20},
+    "pod.decompose": {"rank": 2},
+}  # fmt: skip
 
 
 def wrong_datasets() -> list[tuple[str, int, str]]:
@@ -123,6 +149,21 @@ def test_wrong_datasets_have_one_clear_error(name):
             if (fault := call(name, arguments, CALLS[name][1])) is not None:
                 raw.append(f"{name}, argument {place + 1} {kind}: {fault}")
     assert not raw, "\n".join(raw)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", WHOLE)
+def test_whole_numbers_of_numpy_are_those_of_python(name):
+    stages, options = CALLS[name]
+    expected, *others = [
+        function_of(name)(
+            *(datasets()[stage] for stage in stages), **options | {k: of(v) for k, v in WHOLE[name].items()}
+        )
+        for of in (int, np.int8, np.uint64, np.array)
+    ]
+    for result in others:
+        xr.testing.assert_equal(result, expected)
+        assert result.attrs["id"] == expected.attrs["id"]
 
 
 @pytest.mark.filterwarnings("ignore")
