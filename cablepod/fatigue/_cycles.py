@@ -10,6 +10,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs._taken import powers
+from cablepod.conventions import is_rising
 from cablepod.errors import CoarseWarning, SceneError, scene_error, shown, warn
 from cablepod.parameters._checks import number
 
@@ -46,14 +47,14 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     xarray.Dataset
         Along ``cycle``, in the order in which the method closes them: ``cycle_range`` and ``cycle_mean`` in the units of the
         series, ``cycle_count``, 1 for a cycle and 0.5 for half a cycle, ``cycle_start`` and ``cycle_end``, values of the
-        coordinate `dim` (numbers of samples without one).  Series with fewer cycles than others are filled with nan and the
-        count 0.
+        coordinate `dim` (numbers of samples without one, of dates seconds from the first).  Series with fewer cycles than
+        others are filled with nan and the count 0.
 
     Raises
     ------
     SceneError
-        For anything but a DataArray with the dimension `dim`, for fewer than two samples, for numbers that are not finite, and
-        for dimensions and coordinates with names of the result.
+        For anything but a DataArray with the dimension `dim`, for fewer than two samples, for numbers that are not finite, for a
+        coordinate `dim` that does not rise, and for dimensions and coordinates with names of the result.
 
     Notes
     -----
@@ -82,14 +83,11 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     kernel.all_cycles(rows, pairs, counts)
     counts[np.isnan(size)] = 0
     most = int(counts.max(initial=0))
-    if (place := series.coords.variables.get(dim)) is not None:
-        places, place_units = np.asarray(place.values, dtype=float), str(place.attrs.get("units", "1"))
-    else:
-        places, place_units = np.arange(rows.shape[1], dtype=float), "1"
+    places, units_of_places = _places(series, dim)
     filled = np.empty((len(LABELS), len(rows), most))
     kernel.tables(rows, places, pairs, counts, filled)
     of = series.attrs.get("long_name", series.name or "the series")
-    units = {"series": str(series.attrs.get("units", "1")), "dim": place_units}
+    units = {"series": str(series.attrs.get("units", "1")), "dim": units_of_places or "1"}
     shape = (*(series.sizes[name] for name in dims), most)
     index = PandasIndex(np.arange(1, most + 1), "cycle")
     variables = {
@@ -168,20 +166,30 @@ def equivalent(
 
 def _instants(series: xr.DataArray, dim: str) -> np.ndarray:
     """Return the coordinate of a series [s], of dates from the first on."""
+    if dim not in series.coords.variables:
+        raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
+    places, units = _places(series, dim)
+    if units is not None and units != "s" and powers(units) != {"s": 1}:
+        raise SceneError(f"series: given a coordinate {dim} in {units}; allowed: {dim} [s]")
+    return places
+
+
+def _places(series: xr.DataArray, dim: str) -> tuple[np.ndarray, str | None]:
+    """Return the rising coordinate of a series with its units, None without; of dates seconds from the first on."""
     label = series.coords.variables.get(dim)
     if label is None:
-        raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
-    place, units = label.values, label.attrs.get("units", "s")
-    if place.dtype.kind in "mM":
-        place = (place - place[0]) / np.timedelta64(1, "s")
-    elif units != "s" and powers(str(units)) != {"s": 1}:
-        raise SceneError(f"series: given a coordinate {dim} in {units}; allowed: {dim} [s]")
-    place = np.asarray(place, dtype=float)
-    if not (place[1:] > place[:-1]).all() or not np.isfinite(place[[0, -1]]).all():
+        return np.arange(series.sizes[dim], dtype=float), "1"
+    places, units = label.values, label.attrs.get("units")
+    if places.dtype.kind in "mM":
+        places, units = (places - places[0]) / np.timedelta64(1, "s"), "s"
+    if places.dtype.kind not in "fiu":
+        raise SceneError(f"series: given a coordinate {dim} of type {places.dtype}; allowed: numbers or dates, or none")
+    places = places.astype(float)
+    if not is_rising(places) or not np.isfinite(places[[0, -1]]).all():
         raise SceneError(
             f"series: given a coordinate {dim} that does not rise; allowed: increasing, finite instants [s]"
         )
-    return place
+    return places, None if units is None else str(units)
 
 
 def damage(
@@ -283,6 +291,7 @@ def _damage_sums(series: Any, exponent: float, dim: str) -> tuple[np.ndarray, np
     from cablepod.fatigue import _kernels_rainflow as kernel
 
     rows, size, dims = _rows(series, dim)
+    _places(series, dim)
     scale = np.where(size > 0.0, size, 1.0)  # ranges of the order of one neither overflow nor underflow
     sums = np.empty(len(rows))
     # products are ten times as fast as powers

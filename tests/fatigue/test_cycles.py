@@ -209,10 +209,26 @@ def test_the_duration_is_in_seconds():
             cp.fatigue.equivalent(other)
 
 
-def test_a_duration_without_end_is_refused():
-    series = xr.DataArray([0.0, 4.0, 0.0], dims="time", coords={"time": [0.0, 1.0, np.inf]})
-    with pytest.raises(cp.SceneError, match=r"series: given a coordinate time that does not rise; allowed: .*finite"):
-        cp.fatigue.equivalent(series)
+@pytest.mark.parametrize("time", [[0.0, 1.0, np.inf], [0.0, 2.0, 1.0], [0, 1, 1], [np.nan, 1.0, 2.0], ["a", "b", "c"]])
+@pytest.mark.parametrize("name", ["ranges", "equivalent", "damage"])
+def test_samples_that_are_not_in_order_are_refused(name, time):
+    """Cycles depend on the order; a duration has no end."""
+    series = xr.DataArray([0.0, 4.0, 0.0], dims="time", coords={"time": time})
+    options = {"slope": 3.0, "reference_range": 1.0} if name == "damage" else {}
+    with pytest.raises(
+        cp.SceneError, match=r"^series: given a coordinate time (that does not rise|of type <U1); allowed: "
+    ):
+        getattr(cp.fatigue, name)(series, **options)
+
+
+def test_cycles_of_dates_begin_and_end_at_seconds_from_the_first():
+    series = series_of([0, 4, 1, 3])
+    dated = series.assign_coords(
+        time=np.datetime64("2020-01-01") + (1000 * series.time.values).astype("timedelta64[ms]")
+    )
+    found = cp.fatigue.ranges(dated)
+    np.testing.assert_array_equal(found.cycle_start, cp.fatigue.ranges(series).cycle_start)
+    assert found.cycle_end.attrs["units"] == "s"
 
 
 def test_instants_that_cut_cycles_are_told_of():
