@@ -84,10 +84,6 @@ def snapshots(
     _, particles, dims = values.shape
     if particles < 3 or dims not in (2, 3):
         raise scene_error("position", dict(array.sizes), "at least 3 particles, and 2 or 3 coordinates")
-    if "coordinate" in array.coords and list(map(str, array["coordinate"].values)) != list(COORDINATES[:dims]):
-        raise scene_error(
-            "position: coordinate", array["coordinate"].values.tolist(), f"{COORDINATES[:dims]}, y upwards"
-        )
     p = None if scene is None else parameters(scene := taken("scene", scene, SCENE))
     if p is not None and p.dims != dims:
         raise scene_error("position", f"{dims} coordinates", f"the {p.dims} of the scene")
@@ -230,7 +226,7 @@ def _title(scene: xr.Dataset | None, text: str) -> str:
 
 
 def _named(key: str, given: Any, dims: tuple[str, ...], name: str, units: str) -> xr.DataArray:
-    """Return what is given as a DataArray with dimensions in order; refuse others, and other units."""
+    """Return what is given as a DataArray with dimensions in order; refuse others, other labels of axes and other units."""
     if isinstance(given, xr.Dataset):
         if name not in given:
             raise scene_error(
@@ -243,6 +239,9 @@ def _named(key: str, given: Any, dims: tuple[str, ...], name: str, units: str) -
         own = given.attrs.get("units")
         if isinstance(own, str) and powers(own) != powers(units):
             raise scene_error(f"{key}: units", own, f"{units}; or none")
+        labels = given.coords["coordinate"].values.tolist() if "coordinate" in given.coords else []
+        if labels != list(axes := COORDINATES[: len(labels)]):
+            raise scene_error(f"{key}: coordinate", labels, f"{axes}, y upwards")
         return given.transpose(*dims)
     try:
         array = np.asarray(given)
@@ -348,7 +347,7 @@ def _dims_of(layout: str, shapes: Any) -> tuple[str, ...]:
         return ("normal", *dims) if "normal" in given.dims else dims
     try:
         return ("normal", *dims) if np.ndim(given) == 3 else dims
-    except ValueError:  # lists of different lengths
+    except (TypeError, ValueError):  # lists of different lengths
         return dims
 
 

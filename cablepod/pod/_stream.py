@@ -75,8 +75,9 @@ class Stream:
             If particles or coordinates differ from those before, or positions are missing or not finite.  The stream is then
             unchanged.
         """
+        snapshots = taken("snapshots", snapshots, SNAPSHOTS)
         with defer_sigint_during_dask(snapshots):
-            return self._update(taken("snapshots", snapshots, SNAPSHOTS))
+            return self._update(snapshots)
 
     def _update(self, snapshots: xr.Dataset) -> Stream:
         """Add checked snapshots to copies of the sums, and keep these if there was no error."""

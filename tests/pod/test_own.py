@@ -210,6 +210,10 @@ def test_modes_are_a_stage_with_a_hash(tmp_path):
 
 
 WRONG_MODES = {
+    "labels": (
+        lambda: cp.modes(cp.pod.decompose(chain(), layout="vector").mode_shape[..., ::-1], layout="vector", scene=scene()),
+        r"shapes: coordinate: given \['y', 'x'\]; allowed: .*y upwards",
+    ),
     "dimensions": (lambda: cp.modes(SINES[0], scene=scene()), r"shapes: given the shape \(11,\); allowed: an array"),
     "layout": (lambda: cp.modes(SINES, layout="Normal", scene=scene()), "layout: given 'Normal'"),
     "ends": (lambda: cp.modes(SINES + 1.0, scene=scene()), "shapes: given 'up to 1 at the ends.*zero at both ends"),
