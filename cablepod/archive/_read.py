@@ -20,7 +20,7 @@ from cablepod.archive._checked import CheckedFile, check_bytes
 from cablepod.archive._checksums import CHECKSUMS
 from cablepod.archive._folder import path_of
 from cablepod.archive._seal import SCHEMA
-from cablepod.errors import ArchiveError
+from cablepod.errors import ArchiveError, scene_error
 from cablepod.parameters._checks import truth
 
 _LIBRARY = threading.RLock()
@@ -65,6 +65,9 @@ def open_file(path: Path, chunks: Any, *, verify: bool = True, whole: bool = Fal
     except PermissionError as error:
         raise ArchiveError(f"{path}: no permission to read it; change its permissions") from error
     except READ_ERRORS as error:
+        if chunks is not None:
+            open_file(path, None, verify=verify, whole=whole).close()  # refuses a damaged file
+            raise scene_error("chunks", chunks, 'None, a whole number, "auto" or a mapping of dimensions') from error
         raise damaged(path, error) from error
     schema = opened.attrs.get("cablepod_schema")
     if isinstance(schema, np.integer) and schema <= SCHEMA:
@@ -163,6 +166,8 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None, verify: bool = Tru
 
     Raises
     ------
+    SceneError
+        For chunks that do not fit the file.
     ArchiveError
         If the file is missing, empty, truncated or damaged, changed since it was written (the message names what), not from this
         package, or from a newer version.

@@ -102,7 +102,7 @@ def _summary(scene: xr.Dataset) -> xr.Dataset:
     variables["note"] = xr.Variable((), "\n".join(_notes(p, at_rest, _largest_tensions(variables))))
     coords: dict[str, Any] = {"mode": np.arange(1, variables["frequency"].size + 1)}
     if p.guys:
-        coords |= {name: at_rest[name] for name in ("guy", "guy_level", "table")}
+        coords |= {name: at_rest[name] for name in ("guy", "guy_level", "table", "coordinate")}
     result = xr.Dataset(variables, coords=coords)
     names = names_in_air(NAMES | NUMBERS, result)
     label(result, mode=("1", "number of the mode, from 1, by rising frequency"), **names)

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from results import make_modes, make_scene, make_trajectory
 
+from cablepod import SceneError
 from cablepod.archive import ArchiveError, describe, read, write
 
 
@@ -105,6 +106,14 @@ def test_files_that_are_none_of_ours_are_refused(chunks, tmp_path):
         xr.Dataset({"a": 1.0}).to_netcdf(path, engine="netcdf4", format=form)
         with pytest.raises(ArchiveError, match=r"it\.nc: was not written by cablepod \(no attribute cablepod_schema\)"):
             read(path, chunks=chunks)
+
+
+@pytest.mark.parametrize("chunks", [2**70, "small", [1], {"time": "a"}])
+def test_chunks_that_do_not_fit_are_no_damage(chunks, tmp_path):
+    pytest.importorskip("dask")
+    path = write(make_trajectory(), tmp_path / "it.nc")
+    with pytest.raises(SceneError, match=r"^chunks: given .*; allowed: None, a whole number"):
+        read(path, chunks=chunks)
 
 
 def test_a_newer_file_is_refused_and_tells_both_versions(tmp_path):

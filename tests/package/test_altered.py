@@ -179,7 +179,7 @@ OTHERS = (
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("part", ["planar", "spatial", *OTHERS])
 def test_every_variable_has_units_and_a_long_name(part):
-    """Texts have the units "1"."""
+    """Texts have the units "1".  Dimensions have their labels."""
     if part in OTHERS:
         stages, options = CALLS[part]
         result = function_of(part)(*(datasets()[stage] for stage in stages), **options)
@@ -192,6 +192,12 @@ def test_every_variable_has_units_and_a_long_name(part):
         for name, variable in dataset.variables.items()
         for attribute in ("units", "long_name")
         if not variable.attrs.get(attribute)
+    }
+    lacking |= {
+        f"{stage}: {dim}": "labels"
+        for stage, dataset in found.items()
+        for dim in {"coordinate", "end", "guy", "mode", "time"}.intersection(dataset.dims)
+        if dim not in dataset.coords
     }
     assert lacking == {}
     of_texts = {
