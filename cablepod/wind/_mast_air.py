@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import ROUNDING
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
 from cablepod.parameters._parameters import has_record, ramp_of
@@ -179,7 +180,7 @@ def _of_field(content: ByKey) -> MastAir:
     p, _, (rate, velocity, mean) = content.values
     position = mast_points(p)[0]
     profile = mean_velocity(p, position[:, 1]) if p.wind is not None else None
-    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9))
+    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=ROUNDING, atol=1e-9))
     return _ramped(p, MastAir(position, velocity, rate, mean, mean, density_of(p), has_profile))
 
 

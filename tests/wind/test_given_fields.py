@@ -100,6 +100,16 @@ def test_a_ramp_does_not_take_the_instants_of_a_field(interval):
     assert np.abs(given - own).max() < 2e-3 * np.abs(own - own[0]).max()  # of the ten samples
 
 
+def test_a_field_of_single_precision_is_rounded_by_no_more():
+    """On masts as well, whose guys have the profile of the scene between the points where the mean is that of the scene."""
+    scene = small(windy)
+    field = cp.wind.field(scene)
+    runs = [cp.mast.simulate(scene, wind=wind, times=[0.0, 0.2], step=0.02) for wind in (field, field.astype("f4"))]
+    tension = [run.guy_tension for run in runs]
+    # 6e-8 of the wind, which makes a part of the tension
+    assert float(abs(tension[1] - tension[0]).max()) < 1e-6 * float(tension[0].max())
+
+
 @pytest.mark.parametrize("model", ["chain", "condensed", "mast"])
 def test_members_have_fields_of_their_own(model):
     scene = small(windy) if model == "mast" else cp.make_scene({**SHORT, "wind": KAIMAL})
