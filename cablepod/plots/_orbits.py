@@ -148,4 +148,4 @@ def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         raise SceneError(f"{key}: given positions that are not finite; allowed: {ORBIT}")
     if "member_time" in orbit:  # of a member
         return position.values, _style.take(key, orbit, "member_time", ("time",), ORBIT).values
-    return position.values, position["time"].values
+    return position.values, position["time"].values.astype(float)

@@ -168,7 +168,7 @@ def numbers(array: xr.DataArray) -> np.ndarray:
 
 
 def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str, *, more: int = 0) -> xr.DataArray:
-    """Return a checked variable with `dims` last and at most `more` others.
+    """Return a checked variable with `dims` last and at most `more` others, nodes and levels of a mast by their heights.
 
     A dimension lost by the selection of a single time or mode is restored.
     """
@@ -183,6 +183,10 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
     array = array.expand_dims(lost)
     if not set(dims) <= set(array.dims) or array.ndim > len(dims) + more or not array.size:
         raise SceneError(f"{key}: given {name} {dict(array.sizes)}; allowed: {dims}, {allowed}")
+    for name in {"node_height", "level"}.intersection(array.coords):
+        array = array.sortby(name) if array.coords[name].ndim else array
+    if array.dtype.kind == "f":
+        array = array.astype(float, copy=False)
     return array.transpose(..., *dims)
 
 

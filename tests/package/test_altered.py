@@ -14,6 +14,7 @@ from public_calls import CALLS, datasets, function_of
 mpl.use("Agg")
 
 import cablepod as cp
+from cablepod.plots import _style
 
 #: Altered calls of a quick test and of all, odd options of each function in both.
 QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 70, 3500, 60, 800
@@ -113,6 +114,10 @@ def test_every_function_is_altered_and_every_alteration_applies():
         Attempt("galerkin.simulate", False, 1, "variable_dropped", -7),
         Attempt("plots.parameter_map", False, 0, "emptied: particle", 0),
         Attempt("ensemble.batches", False, 0, "emptied: member", 0),
+        Attempt("plots.animate_mast", False, 0, "shuffled: level", 2),
+        Attempt("plots.error_over_time", False, 0, "float32", 2),
+        Attempt("plots.bending_moments", False, 0, "shuffled: node", 2),
+        Attempt("plots.mast_shapes", False, 0, "shuffled: node", 2),
     ],
     ids=lambda attempt: attempt.name,
 )
@@ -250,3 +255,10 @@ def test_a_guy_that_broke_is_drawn_until_then():
     assert all(np.isfinite(guy.get_xdata()).all() for guy in guys)
     movie.show_frame(1)
     assert [bool(np.isfinite(guy.get_xdata()).all()) for guy in guys] == [False] + [True] * (len(guys) - 1)
+
+
+def test_a_legal_alteration_with_another_result_is_seen(monkeypatch):
+    """A Dataset that was compared with the word "other" was true, so that no such result was compared."""
+    attempt = Attempt("plots.bending_moments", False, 0, "shuffled: node", 2)
+    monkeypatch.setattr(_style, "take", lambda key, dataset, name, dims, allowed: dataset[name].transpose(..., *dims))
+    assert fault(attempt) == "silent: another result"
