@@ -91,16 +91,14 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
 
 def _of_one_member(dataset: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     """Return a Dataset, of several members the one that was picked of the other; refuse another one."""
-    names = [one.coords.get("member") for one in (dataset, other)]
-    if names[0] is None or names[1] is None or names[1].ndim:
+    own, picked = (one.coords.get("member") for one in (dataset, other))
+    if own is None or picked is None or picked.ndim:
         return dataset
-    found = np.flatnonzero(names[0].values == names[1].values)
+    found = np.flatnonzero(own.values == picked.values)
     if found.size != 1:
-        given, allowed = (shown(name.values.tolist()) for name in names)
-        raise SceneError(
-            f"run and truth: given the members {given} and {allowed}; allowed: the same; try: isel(..., drop=True)"
-        )
-    return dataset.isel(member=int(found[0])) if names[0].ndim else dataset
+        given = " and ".join(shown(name.values.tolist()) for name in (own, picked))
+        raise SceneError(f"run and truth: given the members {given}; allowed: the same; try: isel(..., drop=True)")
+    return dataset.isel(member=int(found[0])) if own.ndim else dataset
 
 
 def _check_instants(times: np.ndarray, reference: np.ndarray) -> None:
