@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import (
     MIN_HARMONICS,
     MORE_HARMONICS,
@@ -21,7 +22,7 @@ from cablepod.periodic._solve import (
 
 #: Arc length of the first, the smallest and, at small motion, the largest step, without dimension.
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 5e-3, 1e-7, 0.05
-#: The largest step is at least the first number, and otherwise this multiple of the damping: resonances are as wide as that.
+#: The largest step is at least the first number, and otherwise this multiple of the width of the narrowest resonance.
 LEAST_LARGEST_STEP, STEPS_PER_WIDTH = 4e-3, 2.0
 #: Largest step over the size of the motion.
 STEP_OVER_MOTION = 0.1
@@ -33,6 +34,9 @@ MIN_COSINE, GOOD_COSINE = 0.9, 0.98
 FEW_ITERATIONS, MANY_ITERATIONS = 4, 6
 #: Largest change of the motion in a step over its size, which draws a small resonance too, and that above which no step grows.
 MAX_CHANGE, GOOD_CHANGE = 0.25, 0.18
+#: Largest distance of the motion from its prediction over its size, which tells of a narrow resonance between two points, and
+#: that above which no step grows: it is of second order in the step.
+MAX_ERROR, GOOD_ERROR = 0.02, 0.01
 #: Distance from the start of a branch, over the step, that counts as having come back.
 LOOP_RTOL = 0.3
 #: Size of a test function at its zero, over that at the ends, above which it jumps there; number of evaluations that tell it, as
@@ -177,6 +181,36 @@ def distance(first: State, second: State) -> np.ndarray:
     return second.resized(harmonics).z - first.resized(harmonics).z
 
 
+class Step(NamedTuple):
+    """A step along a branch, between two solutions."""
+
+    iterations: int  #: of Newton's method
+    cosine: float  #: between the directions at its ends
+    change: float  #: of the motion, over its size
+    error: float  #: of the motion predicted, over its size
+    leaves: bool  #: whether it ends at the end of the range
+
+    def is_good(self, is_least: bool) -> bool:
+        """Return whether it stays on its branch and, unless it is as small as it gets, draws it."""
+        draws = self.change < MAX_CHANGE and self.error < MAX_ERROR
+        return self.cosine > MIN_COSINE and (draws or is_least)
+
+    def next_length(self, length: float, largest: float) -> float:
+        """Return the arc length of the next step after this one of a length."""
+        draws = self.change < GOOD_CHANGE and self.error < GOOD_ERROR
+        if self.iterations <= FEW_ITERATIONS and self.cosine > GOOD_COSINE and draws:
+            return min(1.4 * length, largest)
+        return 0.7 * length if self.iterations > MANY_ITERATIONS or self.cosine < GOOD_COSINE else length
+
+
+def _largest_step(model: PeriodicModel) -> float:
+    """Return the largest arc length of a step at small motion."""
+    if not (model.damping or model.is_damped_beside_mass):
+        return LARGEST_STEP
+    width = 2.0 * model.slowest_decays[0]  # of the narrowest resonance
+    return min(max(STEPS_PER_WIDTH * width, LEAST_LARGEST_STEP), LARGEST_STEP)
+
+
 def trace(
     solver: Solver,
     branch: Branch,
@@ -205,13 +239,14 @@ def trace(
     stability
         Whether multipliers are computed.
     """
-    width = STEPS_PER_WIDTH * solver.model.damping
-    largest = min(max(width, LEAST_LARGEST_STEP), LARGEST_STEP) if width else LARGEST_STEP
+    largest = _largest_step(solver.model)
     step = min(FIRST_STEP, largest)
 
     def point_of(state: State, direction: np.ndarray) -> Point:
+        if not stability:
+            return Point(state, direction, None, 0)
         stride = solver.stride(state)
-        return Point(state, direction, solver.stability(state, stride) if stability else None, stride)
+        return Point(state, direction, solver.stability(state, stride), stride)
 
     if not _append(branch, point_of(start, direction)):
         return
@@ -220,34 +255,45 @@ def trace(
         branch.ended = RANGE
     state, direction = start, direction / np.linalg.norm(direction)
     while not branch.ended:
-        found, tangent, iterations = adapted(solver, replace(state, z=state.z + step * direction), direction)
-        is_least, end = step <= 100.0 * LEAST_STEP, min(max(found.omega, limits.low), limits.high)
-        leaves = found.omega != end
-        if leaves and iterations > 0:
-            found, tangent, iterations = _at_end(solver, state, direction, found, end)
-        good = iterations > 0
-        if good:
-            before = resized_direction(direction, state, found.harmonics)
-            cosine = float(before @ tangent) / float(np.linalg.norm(before))
-            change = _change_of_motion(state, found)
-            good = cosine > MIN_COSINE and (change < MAX_CHANGE or is_least)
+        found, tangent, taken = _step(solver, state, direction, step, limits)
+        is_least = step <= 100.0 * LEAST_STEP
+        good = taken is not None and taken.is_good(is_least)
         if good:
             if not _append(branch, point_of(found, tangent)):
                 return
             if not on_point(branch, is_least) and not is_least:
                 branch.points.pop()
                 good = False
-        if not good:
+        if taken is None or not good:
             step *= 0.5
             if step < LEAST_STEP:
                 branch.ended = DIVERGED
             continue
-        branch.ended = RANGE if leaves else _end(branch, limits, step)
+        branch.ended = RANGE if taken.leaves else _end(branch, limits, step)
         motion = float(np.linalg.norm(found.coefficients[1:]))
         far = found.omega > FAR * solver.model.highest_frequency
         along = STEP_OVER_FREQUENCY * found.omega if far else 0.0
-        step = _next_step(step, iterations, cosine, change, max(largest, STEP_OVER_MOTION * motion, along))
+        step = taken.next_length(step, max(largest, STEP_OVER_MOTION * motion, along))
         state, direction = thinned(found, tangent)
+
+
+def _step(
+    solver: Solver, state: State, direction: np.ndarray, length: float, limits: Limits
+) -> tuple[State, np.ndarray, Step | None]:
+    """Return the solution a step further, or at the end of the range on the way, the direction there and the step; None: none."""
+    predicted = replace(state, z=state.z + length * direction)
+    found, tangent, iterations = adapted(solver, predicted, direction)
+    if iterations < 0:
+        return found, tangent, None
+    error, end = _change_of_motion(predicted, found), min(max(found.omega, limits.low), limits.high)
+    leaves = found.omega != end
+    if leaves:
+        found, tangent, iterations = _at_end(solver, state, direction, found, end)
+        if iterations < 0:
+            return found, tangent, None
+    before = resized_direction(direction, state, found.harmonics)
+    cosine = float(before @ tangent) / float(np.linalg.norm(before))
+    return found, tangent, Step(iterations, cosine, _change_of_motion(state, found), error, leaves)
 
 
 def _at_end(
@@ -261,13 +307,6 @@ def _at_end(
         tangent = -tangent
     near = np.abs(distance(guess, found)).max() <= np.abs(beyond.z - before.z).max()
     return found, tangent, iterations if near and state.omega != omega else -1
-
-
-def _next_step(step: float, iterations: int, cosine: float, change: float, largest: float) -> float:
-    """Return the arc length of the next step after one with some Newton iterations, a turn of the branch and a change."""
-    if iterations <= FEW_ITERATIONS and cosine > GOOD_COSINE and change < GOOD_CHANGE:
-        return min(1.4 * step, largest)
-    return 0.7 * step if iterations > MANY_ITERATIONS or cosine < GOOD_COSINE else step
 
 
 def _change_of_motion(first: State, second: State) -> float:

@@ -22,8 +22,8 @@ MAX_EXPONENT, TERMS = 0.5, 14
 
 def solver_of(model: PeriodicModel) -> Solver:
     """Return the solver of a model: the compiled one where it covers the forces."""
-    depends_on_rates = model.tension_damping or model.damping_matrix.any()
-    return GeneralSolver(model) if model.condensed.order != "leading" or depends_on_rates else Solver(model)
+    is_general = model.condensed.order != "leading" or model.is_damped_beside_mass
+    return GeneralSolver(model) if is_general else Solver(model)
 
 
 class GeneralSolver(Solver):

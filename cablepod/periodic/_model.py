@@ -82,10 +82,11 @@ class PeriodicModel:
         return cls(rescaled_model(unit, forcing.parameters), unit, out_of_plane, forcing)
 
     def with_amplitude(self, factor: float) -> PeriodicModel:
-        """Return the model for other amplitudes of the forcing, with the same scales."""
+        """Return the model for amplitudes of the forcing times a factor, with the same scales."""
         p = scaled(self.forcing.parameters, factor)
         base = self if self.base is None else self.base
-        return PeriodicModel(rescaled_model(self.unit, p), self.unit, self.out_of_plane, self.forcing, base)
+        forcing = self.forcing._replace(parameters=p)
+        return PeriodicModel(rescaled_model(self.unit, p), self.unit, self.out_of_plane, forcing, base)
 
     # --- coordinates ----------------------------------------------------------------------------------------------------
 
@@ -285,6 +286,11 @@ class PeriodicModel:
         return result
 
     @property
+    def is_damped_beside_mass(self) -> bool:
+        """Whether there is damping other than by mass, by the tension, ratios or dampers: forces depend on rates."""
+        return bool(self.tension_damping or self.damping_matrix.any())
+
+    @property
     def undamped(self) -> str:
         """What no damping acts on, in words; empty where both deflections are damped."""
         if self.damping or self.tension_damping:
@@ -306,19 +312,17 @@ class PeriodicModel:
         return max(self.highest_frequency, 0.5 * self.damping)
 
     @cached_property
-    def slowest_decay(self) -> float:
-        """Rate at which the slowest disturbance about rest decays, without dimension; 0 with damping by mass only."""
-        if self.damping_matrix.any():
-            one, zero = np.eye(self.size), np.zeros((self.size, self.size))
-            damping = self.damping_matrix + self.damping * one
-            system = np.block([[zero, one], [-self.tangent_at_rest / self.scales[0] ** 2, -damping]])
+    def slowest_decays(self) -> tuple[float, float]:
+        """Rates at which the slowest disturbance about rest decays, without dimension: of what the forcing moves, and of all."""
+        one, zero = np.eye(self.size), np.zeros((self.size, self.size))
+        stiffness = self.tangent_at_rest / self.scales[0] ** 2
+        damping = self.damping * one + self.tension_damping * stiffness + self.damping_matrix
+
+        def slowest(n: int) -> float:
+            system = np.block([[zero[:n, :n], one[:n, :n]], [-stiffness[:n, :n], -damping[:n, :n]]])
             return max(-float(np.linalg.eigvals(system).real.max()), 0.0)
-        if not self.tension_damping:
-            return 0.0
-        squared = np.maximum(np.linalg.eigvalsh(self.tangent_at_rest), 0.0) / self.scales[0] ** 2
-        half = 0.5 * (self.damping + self.tension_damping * squared)
-        root = np.sqrt(np.maximum(half**2 - squared, 0.0))
-        return float((half - root).min())
+
+        return slowest(self.n_in_plane if self.is_planar else self.size), slowest(self.size)
 
     @cached_property
     def _largest_loads(self) -> tuple[float, float]:

@@ -28,7 +28,7 @@ def check_period(model: PeriodicModel, duration: float) -> None:
             f"damping by mass of {model.damping * model.scales[0]:.3g} 1/s leaves nothing of a disturbance after a period "
             f"of {duration / model.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
         )
-    if duration * model.slowest_decay > MAX_DECAY:
+    if duration * model.slowest_decays[1] > MAX_DECAY:
         kind = (
             f"by the tension of {model.tension_damping / model.scales[0]:.3g} s"
             if model.tension_damping

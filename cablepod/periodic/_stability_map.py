@@ -82,8 +82,8 @@ def stability_map(
 
     Notes
     -----
-    Where the response folds back, another one is looked for from rest, and from the last one made larger and moved by
-    parts of a period.
+    Before the first amplitude the response grows in as many steps as it needs.  Where it folds back, another one is looked for
+    from rest, and from the last one made larger and moved by parts of a period.
 
     With damping by the tension, by ratios or by dampers a point takes some milliseconds instead of a tenth of one.
     """
@@ -99,7 +99,7 @@ def stability_map(
         check_bytes(size, "frequency and amplitude", f"{omegas.size} x {amplitudes.size} points, {size / 1e9:.3g} GB")
         factors = amplitudes / model.forcing.amplitude
         models = [model.with_amplitude(float(factor)) for factor in factors]
-        compute = compute_general_map if model.tension_damping or model.damping_matrix.any() else compute_map
+        compute = compute_general_map if model.is_damped_beside_mass else compute_map
         found = MapResult.empty((amplitudes.size, omegas.size))
         try:
             compute(model, models, omegas, amplitudes, found, progress)

@@ -306,3 +306,34 @@ def test_points_meet_the_peak_of_a_small_resonance(key):
     peak = 4.0 / np.pi * force / (2.0 * ratio * omega**2 * 8000.0 * 1.25e-4)
     # 1 %: a step of a quarter of the motion is an eighth of the width; links and shape take 0.1 %
     assert float(found.deflection_maximum.max()) == pytest.approx(peak, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("damping", "amplitude", "peak"),
+    [
+        ({"ratio": 0.002}, 0.001, 3.1435),
+        ({"tension_proportional": 6.4e-4}, 0.001, 3.1434),
+        ({"mass_proportional": 0.0063}, 0.003, 2.0963),  # at a third of the first frequency: 3e-4 of it wide
+    ],
+)
+def test_no_step_passes_over_a_narrow_superharmonic_resonance(damping, amplitude, peak):
+    tables = {
+        **GUY,
+        "damping": damping,
+        "motion": {"upper": {"x": GUY["motion"]["upper"]["x"] | {"amplitude": amplitude}}},
+    }
+    scene = cp.make_scene(tables)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    # points start far from the resonance, where steps are as large as they get
+    found = cp.periodic.frequency_response(
+        scene, modes, frequency=(0.8 * peak, 1.1 * peak), follow=(), out_of_plane=False, outputs=()
+    )
+    near = np.abs(found.angular_frequency.values / peak - 1.0) < 5e-3
+    orbits = [
+        float(cp.periodic.orbit(
+            scene.assign(motion_upper_x_angular_frequency=omega), modes, out_of_plane=False, outputs=()
+        ).deflection_maximum)
+        for omega in peak * np.linspace(0.999, 1.001, 9)
+    ]  # fmt: skip
+    # the predictor errs by 2 % of the motion at most: points lie within 1 % of such a peak
+    assert found.deflection_maximum.values[near].max() == pytest.approx(max(orbits), rel=0.01)
