@@ -133,7 +133,7 @@ def _embed(z, n, r, full):
 
 @compiled
 def map_columns(
-    begin, end, omega, is_even, rest, of_orbit, of_all, basis, phases_basis, stride, orbits, inside, outside, least
+    begin, end, omega, is_even, starts, of_orbit, of_all, basis, phases_basis, stride, orbits, inside, outside, least
 ):
     """Follow orbits from rest over all amplitudes, at the frequencies `begin` ... `end` - 1.
 
@@ -143,8 +143,8 @@ def map_columns(
         Columns, and the angular frequencies of all columns (columns,).
     is_even
         Whether the last four amplitudes differ by equal steps, at each of them (amplitudes,).
-    rest
-        Coefficients at rest ((1 + 2 H) n,).
+    starts
+        Coefficients at rest, or those that lead to the response of the first amplitude (columns, (1 + 2 H) n).
     of_orbit, of_all
         Terms and boundary data for the n coordinates of the orbit and for all r, see
         :class:`cablepod.periodic._kernels_layout.Forced`; amplitudes are the first dimension of their arrays.
@@ -156,13 +156,14 @@ def map_columns(
         (amplitudes, columns).
     """
     n, r = of_orbit.terms.kappa.shape[1], of_all.terms.kappa.shape[1]
-    unknowns, samples = rest.size + 1, basis.shape[0]
-    z, last, full = np.empty(unknowns), np.zeros((3, unknowns)), np.empty((rest.size // n) * r + 1)
+    size, samples = starts.shape[1], basis.shape[0]
+    unknowns = size + 1
+    z, last, full = np.empty(unknowns), np.zeros((3, unknowns)), np.empty((size // n) * r + 1)
     work = (
-        np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n)), np.empty(rest.size),
-        np.empty(rest.size),
+        np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n)), np.empty(size),
+        np.empty(size),
     )  # fmt: skip
-    factors, pivots = np.empty((rest.size, rest.size)), np.empty(rest.size, np.int64)
+    factors, pivots = np.empty((size, size)), np.empty(size, np.int64)
     phases = phases_basis.shape[0]
     none, tangents = np.empty((0, r)), np.empty((phases, r, r))
     for f in range(begin, end):
@@ -170,7 +171,7 @@ def map_columns(
         for a in range(of_all.rows.shape[0]):
             forced, solved = _at_amplitude(of_orbit, a), False
             for number in range(GUESSES):
-                if not first_guess(number, last, count, is_even[a], rest, n, z):
+                if not first_guess(number, last, count, is_even[a], starts[f], n, z):
                     continue
                 solved, factored = _solve_again(
                     z, omega[f], basis, forced, stride, work, factors, pivots, factored and number < 3

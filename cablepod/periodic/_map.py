@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from cablepod.periodic._solve import (
     strides,
     tail_of,
 )
+from cablepod.periodic._start import grown
 
 #: Number of harmonics of the first map, and share of the last two in the motion above which a column is computed with more.
 HARMONICS, TAIL_RTOL = 5, 1e-5
@@ -112,7 +114,7 @@ def compute_map(
     """
     from cablepod.periodic import _kernels_map as kernel  # numba is imported only to compute
 
-    frequency_scale, length_scale, _ = base.scales
+    frequency_scale = base.scales[0]
     split = base.n_in_plane if base.is_planar else base.size  # coordinates that the forcing moves
     scaled = omega / frequency_scale
     check_period(base, 2.0 * np.pi / scaled[0])
@@ -126,18 +128,19 @@ def compute_map(
         phases = samples * stride
         terms = _stacked(models, (split, base.size), phases)
         steps = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics), stride
-        rest = np.zeros((1 + 2 * harmonics, split))
-        rest[0] = base.rest[:split] / length_scale
-        orbits, found = np.full((*shape, rest.size + 1), np.nan), MapResult.empty(shape)
+        starts = np.tile(Solver(base).rest(1.0, harmonics).z[:-1], (columns.size, 1))
+        orbits, found = np.full((*shape, starts.shape[1] + 1), np.nan), MapResult.empty(shape)
 
         def do(begin: int) -> None:
             part = slice(begin, min(begin + COLUMNS, columns.size))
             here = len(models), part.stop - part.start
             matrices = [np.empty((*here, 2 * n, 2 * n)) for n in (split, base.size - split)]
-            kernel.map_columns(
-                part.start, part.stop, scaled[columns], is_even, rest.ravel(), *terms, *steps, orbits, *matrices,
-                found.smallest_force,
+
+            follow = partial(
+                kernel.map_columns, part.start, part.stop, scaled[columns], is_even, starts, *terms, *steps, orbits,
+                *matrices, found.smallest_force,
             )  # fmt: skip
+            _follow_from_rest(follow, models[0], scaled[columns], harmonics, part, orbits[0], starts)
             found.smallest_force[:, part] *= base.force_scale
             duration = 2.0 * np.pi / scaled[columns[part]]
             decay = np.exp(-0.5 * base.damping * duration)
@@ -193,6 +196,38 @@ def compute_map(
             again.append(compute(columns, own, stride, harmonics))
         todo = np.concatenate(again)
         harmonics = min(2 * harmonics, MAX_HARMONICS)
+
+
+def _follow_from_rest(
+    follow: Callable[[], None],
+    first: PeriodicModel,
+    omega: np.ndarray,
+    harmonics: int,
+    part: slice,
+    orbits: np.ndarray,
+    starts: np.ndarray,
+) -> None:
+    """Follow a part of the columns, and again where the orbit of the first amplitude is reached from rest in several steps only.
+
+    Parameters
+    ----------
+    follow
+        Fills `orbits` from the first guesses `starts`.
+    first, omega, harmonics
+        Model of the first amplitude, angular frequencies of all columns, number of harmonics.
+    part
+        The columns.
+    orbits, starts
+        Orbits of the first amplitude (columns, unknowns), nan for none; their first guesses (columns, unknowns - 1), changed.
+    """
+    follow()
+    again = False
+    for f in part.start + np.flatnonzero(np.isnan(orbits[part, 0])):
+        state, solved = grown(Solver(first), float(omega[f]), harmonics)
+        if solved:
+            starts[f], again = state.z[:-1], True
+    if again:
+        follow()
 
 
 def even_steps(amplitudes: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._multipliers import growth_of
 from cablepod.periodic._period import check_period
 from cablepod.periodic._solve import Solver, State, sets_of
+from cablepod.periodic._start import grown
 
 
 def compute_general_map(
@@ -35,6 +36,9 @@ def compute_general_map(
         for f, value in enumerate(omega):
             rest = solver.rest(float(value) / scale, HARMONICS)
             state = _solved(solver, guesses(rest, states[f], bool(is_even[a])))
+            if a == 0 and state is None:
+                start, solved = grown(solver, rest.omega, HARMONICS)
+                state = _solved(solver, [start]) if solved else None
             states[f].append(state)
             if state is not None:
                 now[f] = state

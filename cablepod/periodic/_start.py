@@ -17,19 +17,19 @@ MAX_POINTS = 300
 
 def grown_from_rest(solver: Solver, omega: float, harmonics: int, periods: int = 1) -> State:
     """Return a first guess of the response at a frequency without dimension, a solution if one is found."""
-    first, solved = _grown(solver, omega, harmonics, periods)
+    first, solved = grown(solver, omega, harmonics, periods)
     if solved:
         return first
     for side in SIDES:
-        start, solved = _grown(solver, side * omega, harmonics, periods)
+        start, solved = grown(solver, side * omega, harmonics, periods)
         found = _followed(solver, start, omega) if solved else None
         if found is not None:
             return found
     return first
 
 
-def _grown(solver: Solver, omega: float, harmonics: int, periods: int) -> tuple[State, bool]:
-    """Grow a response from rest with the amplitude of the forcing; tell whether all of it is reached."""
+def grown(solver: Solver, omega: float, harmonics: int, periods: int = 1) -> tuple[State, bool]:
+    """Grow a response from rest with the amplitude of the forcing alone; tell whether all of it is reached."""
     state = replace(solver.rest(omega, harmonics), periods=periods)
     share, step = 0.0, FIRST_SHARE
     while share < 1.0 and step >= LEAST_SHARE:

@@ -156,3 +156,19 @@ def test_there_is_no_edge_where_the_response_jumps():
     found = cp.periodic.stability_map(scene, modes, frequency=grid, amplitude=[0.002, 0.004, 0.006, 0.0084])
     assert found.sizes["edge"] == 1
     assert grid[0] < found.edge_angular_frequency.item() < grid[1]
+
+
+@pytest.mark.parametrize(("damping", "omega"), [({"mass_proportional": 0.1}, 11.5), ({"ratio": 0.005}, 11.5)])
+def test_a_response_grows_up_to_the_first_amplitude(damping, omega):
+    scene = cp.make_scene({**GUY, "damping": damping}).assign(motion_upper_x_angular_frequency=omega)
+    modes = cp.condensed.vibration_modes(scene, rank=3)
+    grid = {"frequency": [omega - 0.5, omega], "amplitude": [0.1, 0.11]}  # from rest Newton's method fails
+    found = cp.periodic.stability_map(scene, modes, **grid)
+    assert (found.failure == "").all()
+    for k, amplitude in enumerate(grid["amplitude"]):
+        orbit = cp.periodic.orbit(scene.assign(motion_upper_x_amplitude=amplitude), modes, outputs=())
+        point = found.isel(amplitude=k, angular_frequency=1)
+        # the harmonics that maps leave out have 1e-5 of the motion, their largest deflections are at fewer phases
+        assert float(point.response) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
+        growth = max(float(point.growth_in_plane), float(point.growth_out_of_plane))
+        assert growth == pytest.approx(float(orbit.growth), abs=1e-3)
