@@ -68,10 +68,10 @@ def backbone(
     -------
     xarray.Dataset
         ``angular_frequency (point)`` [rad/s], ``amplitude (point)`` [m], the largest deflection from its mean over a period,
-        ``amplitude_of_mode (point, mode)`` [m], ``smallest_chordwise_force (point)`` [N].  Attributes: ``hardening``
-        [rad^2/s^2/m^2], the coefficient of amplitude squared in the squared frequency at small amplitude; ``ended``: "amplitude",
-        "slack", "points", "diverged" or, in what Ctrl-C left, "interrupted"; ``branch_off_amplitude`` [m] and
-        ``branch_off_angular_frequency`` [rad/s], where whirling leaves the planar branch (nan where it does not).
+        ``amplitude_of_mode (point, mode)`` [m], ``smallest_chordwise_force (point)`` [N].  Attributes: ``mode``, ``motion``,
+        ``hardening`` [rad^2/s^2/m^2], the coefficient of amplitude squared in the squared frequency at small amplitude;
+        ``ended``: "amplitude", "slack", "points", "diverged" or, in what Ctrl-C left, "interrupted"; ``branch_off_amplitude``
+        [m] and ``branch_off_angular_frequency`` [rad/s], where whirling leaves the planar branch (nan where it does not).
 
     Raises
     ------
@@ -258,7 +258,11 @@ class _Backbone:
         circular = motion == "whirling"
         degenerate = self.gaps.size > 0 and float(np.abs(self.gaps).min()) < DEGENERATE
         leaves = circular and not degenerate  # from the planar branch, which is traced first
-        attrs: dict[str, Any] = {"hardening": self.hardening(circular and degenerate)}
+        attrs: dict[str, Any] = {
+            "mode": self.mode,
+            "motion": motion,
+            "hardening": self.hardening(circular and degenerate),
+        }
         planar: list[tuple[State, float, float]] = []
         rows = [] if leaves else planar
         leaving, ended = None, INTERRUPTED

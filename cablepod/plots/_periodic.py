@@ -86,13 +86,13 @@ def frequency_response(
     stable, branch = columns["stable"].values.astype(bool), columns["branch"].values
     for k, number in enumerate(np.unique(branch)):
         which = np.flatnonzero(branch == number)
-        colour = _style.COLOURS[(0, 3, 1, 5, 6, 4, 2)[k % 7]]
+        drawn: dict[str, Any] = {"color": _style.COLOURS[(0, 3, 1, 5, 6, 4, 2)[k % 7]], "linewidth": 1.3 + k // 7}
         for begin, end, solid in _runs(stable[which]):
             part = which[begin : min(end + 1, which.size)]  # up to the first point of the next part
-            ax.plot(omega[part], values[part], "-" if solid else "--", color=colour, linewidth=1.3, zorder=2)
+            ax.plot(omega[part], values[part], "-" if solid else "--", **drawn, zorder=2)
         periods = columns["periods"].values[which[0]] if "periods" in columns else 1
         suffix = f", {periods:.0f} periods" if periods > 1 else ""
-        ax.plot([], [], "-", color=colour, label=f"branch {number}{suffix}")
+        ax.plot([], [], "-", **drawn, label=f"branch {number}{suffix}")
     if variable == "deflection_maximum" and "bifurcation_kind" in response:
         _bifurcations(ax, response, _scale(hertz))
     ax.plot([], [], "--", color="0.4", label="unstable")
@@ -170,7 +170,10 @@ def backbone(*backbones: xr.Dataset, ax: Axes | None = None) -> Axes:
     ]
     ax = _style.axes(ax)
     for k, (omega, size) in enumerate(lines):
-        label = str(backbones[k].attrs.get("title", f"backbone {k + 1}"))
+        attrs = backbones[k].attrs
+        label = str(attrs.get("title", f"backbone {k + 1}"))
+        if "mode" in attrs:
+            label += f", mode {attrs['mode']}, {attrs['motion']}"
         ax.plot(omega, size, label=label, **_style.style(k, k, omega.size))
     ax.set(xlabel="angular frequency of the free vibration [rad/s]", ylabel="largest deflection from its mean [m]")
     return _style.finish(ax)
@@ -209,7 +212,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
     if variable == "growth":
         if "growth_out_of_plane" in result:
             values = np.fmax(values, _style.take("result", result, "growth_out_of_plane", dims, MAP).values)
-        label = "growth rate of the fastest disturbance [1/s]"
+        label = label.replace(" in the plane", "")
     amplitude, frequency = (_style.take("result", result, name, (name,), MAP) for name in dims)
     ax = _style.axes(ax)
     omega, size = _scale(hertz) * frequency.values, amplitude.values

@@ -46,6 +46,20 @@ def test_unstable_parts_of_branches_are_dashed():
     assert marks["fold"] == (1.5, 2.0)
 
 
+def test_lines_of_many_branches_differ_and_those_of_backbones_have_names():
+    many = response().isel(point=np.tile([0, 1], 14)).assign(branch=("point", np.repeat(np.arange(14), 2)))
+    ax = plots.frequency_response(many)
+    drawn = {
+        (line.get_color(), line.get_linewidth()) for line in ax.get_lines() if list(line.get_xdata()) == [1.0, 2.0]
+    }
+    assert len(drawn) == 14
+    free = xr.Dataset({"angular_frequency": ("point", [6.0, 6.1]), "amplitude": ("point", [0.0, 0.1])})
+    free.attrs |= {"title": "guy: backbone", "motion": "planar"}
+    ax = plots.backbone(*(free.assign_attrs(mode=mode) for mode in (1, 2)))
+    texts = [text.get_text().replace("\n", " ") for text in ax.get_legend().get_texts()]
+    assert texts == ["guy: backbone, mode 1, planar", "guy: backbone, mode 2, planar"]
+
+
 def test_frequencies_in_hertz_and_the_tension_of_all_links():
     given = response()
     given["tension_maximum"] = (
