@@ -90,7 +90,10 @@ def test_unsupported_requests_fall_back_to_single_runs(soft, alone):
     for other in (
         scenes_of(soft, ramp, tensions),
         *(scene.assign(cable_top_tension=("member", [200.0, 300.0])) for scene in loaded),
-        scenes.assign(motion_upper_x_kind=("member", ["harmonic", "one_minus_cosine"]), motion_upper_x_phase=0.0),
+        scenes.assign(
+            motion_upper_x_kind=("member", ["harmonic", "one_minus_cosine"]),
+            motion_upper_x_phase=("member", [0.0, np.nan]),
+        ),
         scenes.assign(time_duration=("member", [1.0, 2.0])),  # which decides on the reference state
         xr.concat(no_motion, "member", data_vars="all", combine_attrs="override"),
     ):

@@ -127,10 +127,10 @@ def test_an_edge_between_columns_of_different_steps_is_located(damped, monkeypat
     for last in np.unique(np.searchsorted(grid["frequency"], edges)) - 1:  # before each edge
         border = grid["frequency"][last] * 1.0001
 
-        def different(omega, highest, samples, most, border=border):
-            return np.where(omega * scale <= border, 8, 4)
+        def different(period, highest, samples, border=border):
+            return np.where(2.0 * np.pi / period * scale <= border, 8, 4)
 
-        monkeypatch.setattr("cablepod.periodic._map._strides", different)
+        monkeypatch.setattr("cablepod.periodic._map.strides", different)
         again = cp.periodic.stability_map(scene, modes, **grid)
         assert again.edge_angular_frequency.values == pytest.approx(edges, rel=1e-8)
         assert np.array_equal(again.kind.values, whole.kind.values)
