@@ -31,10 +31,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
     own = modes_of_mast(frequencies["mast_share"].values, FREQUENCIES)  # of the picture
     hertz = frequencies["angular_frequency"].values / (2.0 * math.pi)
     factor = float(rest["buckling_factor"])
-    # magnitudes at the output times; along the axes there are those of all steps too
-    extremes = [np.abs(motion[f"displacement_{what}"].values).max(axis=1) for what in ("minimum", "maximum")]
-    largest = np.max([motion["displacement_largest"].values, *extremes], axis=0)
-    moments = motion["bending_moment_largest"].values
+    largest, moments = motion["displacement_largest"].values, motion["bending_moment_largest"].values
     shear, foot = motion["shear_force_largest"].values, motion["foot_force_minimum"].sel(coordinate="y")
     anchors = motion["anchor_force_largest"].values if "anchor_force_largest" in motion else np.zeros(0)
     return {

@@ -84,7 +84,11 @@ for _name in ("axial_compression", "foot_force", "anchor_force"):
     for _what, _text in (("minimum", "least"), ("maximum", "largest")):
         NAMES[f"{_name}_{_what}"] = (NAMES[_name][0], f"{_text} {NAMES[_name][1]}, at the output times")
 for _name in ("displacement", "bending_moment", "shear_force", "anchor_force"):
-    NAMES[f"{_name}_largest"] = (NAMES[_name][0], f"largest magnitude of the {NAMES[_name][1]}, at the output times")
+    _of = ", along an axis over all steps" if _name == "displacement" else ""
+    NAMES[f"{_name}_largest"] = (
+        NAMES[_name][0],
+        f"largest magnitude of the {NAMES[_name][1]}, at the output times{_of}",
+    )
 for _name in ("foot_force", "anchor_force"):
     NAMES[f"{_name}_horizontal_largest"] = (
         "N", f"largest magnitude of the horizontal {NAMES[_name][1]}, at the output times"

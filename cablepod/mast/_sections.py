@@ -181,8 +181,9 @@ def envelopes(forces: Forces, displacement: np.ndarray, within: np.ndarray, guys
     """
     mast, run = forces.mast, forces.run
     axial, foot = forces.axial_compression[within], forces.foot_force[within]
+    along_axes = np.maximum(-run.of_levels.least, run.of_levels.largest).max(axis=-1)  # at all steps
     result: dict[str, Any] = {
-        "displacement_largest": (("level",), _largest(displacement[within])),
+        "displacement_largest": (("level",), np.maximum(_largest(displacement[within]), along_axes)),
         "bending_moment_largest": (("node",), _largest(forces.bending_moment[within])),
         "shear_force_largest": (("element",), _largest(forces.shear_force[within]).max(axis=-1)),
         "axial_compression_minimum": (("element",), axial.min(axis=0)),

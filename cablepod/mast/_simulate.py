@@ -86,10 +86,11 @@ def simulate(
         mast above on the mast below, ``axial_compression (time, element)`` [N] at its lower end, ``foot_force (time,
         coordinate)`` [N] on the foundation, ``anchor_force (time, guy, coordinate)`` [N] on the anchors; with "extremes" least
         and largest values, their times, means and standard deviations over all steps (of bending moments, over the outputs); with
-        "envelopes" over the outputs the largest magnitude of displacement, moment, shear (of both ends of an element) and
-        reactions, least and largest axial force and reactions, and ``guy_axial_force_minimum (guy)``, which is not above 0 where
-        a guy is slack before it breaks.  Of a guy that breaks, tension and force are 0 afterwards.  Attributes:
-        kind of guys, step [s], number of steps, least chordwise force of the guys [N] (chains: least tension).
+        "envelopes" over the outputs the largest magnitude of displacement (along an axis over all steps), moment, shear (of
+        both ends of an element) and reactions, least and largest axial force and reactions, and ``guy_axial_force_minimum
+        (guy)``, which is not above 0 where a guy is slack before it breaks.  Of a guy that breaks, tension and force are 0
+        afterwards.  Attributes: kind of guys, step [s], number of steps, least chordwise force of the guys [N] (chains: least
+        tension).
 
     Raises
     ------

@@ -190,6 +190,19 @@ def test_under_a_slow_load_the_foot_carries_what_the_guys_do_not():
     assert float(run.guy_axial_force_minimum.min()) == pytest.approx(run.attrs["smallest_chordwise_force"])
 
 
+def test_no_displacement_along_an_axis_is_above_the_largest_one():
+    # whose magnitude is taken at the output times: few of them miss the extremes that all steps have
+    def rarely(mapping):
+        load = mapping["mast"]["load"][0]
+        varies = {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": 5.0, "ramp": 1.0}
+        mapping["mast"]["load"][0] = {"level": load["level"], "force": load["force"], **varies}
+        mapping["time"] = {"duration": 9.0, "interval": 3.0}
+
+    run = cp.mast.simulate(small(rarely), outputs=("extremes", "envelopes"))
+    least, most = abs(run.displacement_minimum), abs(run.displacement_maximum)
+    assert (np.maximum(least, most).max("coordinate") <= run.displacement_largest).all()
+
+
 def test_forces_on_anchors_in_a_storm_are_those_of_a_chain():
     # a guy alone: from the force on its upper end alone, as a run of the mast has it
     guy = {
