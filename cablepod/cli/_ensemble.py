@@ -72,7 +72,7 @@ def simulate(
     peaks = "\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))])
     say(peaks)
     summary = describe_ensemble(folder, brief=True)
-    found = {"scene": dataset, "ensemble": results}
+    found = {"scene": scenes, "ensemble": results}
     text = "\n".join((peaks, summary))
     say("\n".join(filter(None, (summary, _page.write(target, found, text=text, notes=notes)))))
 

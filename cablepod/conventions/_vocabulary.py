@@ -118,7 +118,11 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "steps_cut": ("1", "number of steps divided into substeps"),
     "newton_iterations": ("1", "number of Newton iterations"),
     "spectral_radius": ("1", "spectral radius of the scheme at high frequencies"),
-    "error_estimate": ("1", "estimated largest error over time as a fraction of the motion"),
+    "error_estimate": (
+        "1",
+        "estimated largest error over time as a fraction of the motion; of masts the rms error of a guy's tension over its "
+        "standard deviation",
+    ),
     "time_error_estimate": ("1", "estimated error of the time step as a fraction of the motion"),
     "tension_time_error_estimate": (
         "1",

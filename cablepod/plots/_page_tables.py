@@ -152,9 +152,12 @@ def _rows_of(variable: xr.Variable) -> tuple[str, ...]:
 
 
 def _shown(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Variable]]:
-    """Yield the variables that a reader asks for."""
+    """Yield the variables that a reader asks for; of numbers at rest in wind those in still air and in the mean wind alone."""
+    _, *airs = ENDINGS_OF_AIR
     for name in dataset.data_vars:
         variable, given = dataset.variables[name], str(name)
+        if all(f"{given}{air}" in dataset for air in airs):
+            continue  # the same as one of these: the heading says which
         in_hertz = given.removeprefix("angular_") if given.startswith("angular_") else f"{given}_hertz"
         if not LEFT_OUT.fullmatch(given) and in_hertz not in dataset and variable.dtype.kind in "iufbUO":
             yield given, variable
@@ -308,10 +311,7 @@ def input_of(scene: xr.Dataset) -> Table:
     rows = []
     for name in scene.data_vars:
         variable = scene.variables[name]
-        of_members = "member" in variable.dims
-        shown = (
-            _range(variable.values) if of_members and variable.dtype.kind in "iuf" else _given(variable.values.tolist())
-        )
+        shown = (_of_members if "member" in variable.dims else _given)(variable.values.tolist())
         units = unit_text(str(variable.attrs.get("units", "1")))
         rows.append([dotted(str(name)), shown, units, long_name(str(name), variable)])
     return _table_of_keys(rows)
@@ -331,15 +331,19 @@ def stage_of_scene(dataset: xr.Dataset) -> dict[str, Any] | None:
 
 
 def input_from_history(dataset: xr.Dataset) -> Table | None:
-    """Return the keys of the scene that a history tells; None without one."""
+    """Return the keys of the scene that a history tells, with the ranges of those that members vary; None without one."""
     stage = stage_of_scene(dataset)
     if stage is None:
         return None
+    shown = {path: _given(value) for path, value in _paths(stage["parameters"]["scene"])}
+    for name, varied in dataset.coords.items():
+        if varied.dims == ("member",) and dotted(str(name)) != name:
+            shown[dotted(str(name))] = _of_members(varied.values)
     rows = []
-    for path, value in _paths(stage["parameters"]["scene"]):
+    for path, text in shown.items():
         key = key_of_variable(variable_name(path))
         units = "" if key is None or key.units is None else unit_text(key.units)
-        rows.append([path, _given(value), units, "" if key is None else key.long_name])
+        rows.append([path, text, units, "" if key is None else key.long_name])
     return _table_of_keys(rows)
 
 
@@ -376,6 +380,12 @@ def _given(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.10g}"
     return str(value) if str(value) else NOTHING
+
+
+def _of_members(values: Any) -> str:
+    """Return the range of the numbers of members, or their different words."""
+    different = np.unique(values)
+    return _range(different) if different.dtype.kind in "iuf" else _given(different.tolist())
 
 
 def _range(values: np.ndarray) -> str:

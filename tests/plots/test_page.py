@@ -226,6 +226,23 @@ def test_the_input_of_a_single_result_is_that_of_its_history(page):
     assert "cable.drag_coefficient" not in text_of(found)
 
 
+def test_the_input_of_members_is_the_range_of_what_they_vary(page):
+    """Also by the history of their result, whose scene has the value before it was varied."""
+    ranges = {"cable.top_tension": [150.0, 250.0, 2], "gravity": [9.0, 10.0, 2]}
+    scenes = cp.ensemble.design(cp.make_scene(SOFT), ranges)
+    for given in ({"scene": scenes}, cp.catenary.rest(scenes)):
+        assert page(given).row("cable.top_tension")[1:3] == ["150 to 250, 2 values", "N"]
+
+
+def test_numbers_at_rest_in_wind_stand_once_for_each_air(page):
+    wind = {"wind": {"speed": 5.0, "direction": [1.0, 0.0]}, "cable": {**SOFT["cable"], "diameter": 0.01}}
+    found = page(cp.summary(cp.make_scene({**SOFT, **wind})))
+    of_sag = [
+        row[0].partition(", in ")[2] for row in found.rows if row[0].startswith("largest distance of the cable from")
+    ]
+    assert of_sag == ["still air", "the mean wind"]
+
+
 def test_a_mast_has_the_figures_of_its_guys_and_modes(page):
     run, frequencies = datasets()["mast run"], datasets()["mast frequencies"]
     found = page({"motion": run, "frequencies": frequencies, "scene": cp.make_scene(MAST)})
