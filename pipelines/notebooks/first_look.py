@@ -83,7 +83,7 @@ chain
 cp.plots.shapes(chain, times=[0.0, 3.0, 6.3, 9.0, 12.5]);
 
 # %% [markdown]
-# All instants lie on one line: the motion is a thousandth of the span. So look at it along the normal of the chord:
+# All instants lie on one line: the motion is a hundredth of the span. So look at it along the normal of the chord:
 
 # %%
 cp.plots.shapes(chain, times=[0.0, 3.0, 6.3, 9.0, 12.5], deflection=True);
@@ -112,7 +112,7 @@ print(
 )
 
 # %% [markdown]
-# This mast only ever sways towards the foot of the guy, whose tension falls by two thirds and comes back. The tension depends
+# This mast only ever sways towards the foot of the guy, whose tension falls below half and comes back. The tension depends
 # little on where you look (the weight below adds to it), and strongly on when: waves along the cable run its length in 14
 # milliseconds and even it out. That is the idea of the fast model, in *Reduced models*.
 #

@@ -147,11 +147,11 @@ cp.plots.spectra(one.guy_tension.isel(guy=int(ranges_of_guys.values.argmax())), 
 # %% [markdown]
 # ## How far to trust it
 #
-# - Against continuous guys, fatigue ranges and peaks of four modes err by up to 0.9 %, with ice or without, where guys stay taut
+# - Against continuous guys, fatigue ranges and peaks of four modes err by up to 0.7 %, with ice or without, where guys stay taut
 #   ([study](../mast/README.md)). A guy that goes slack is named in a warning; there they err by up to 8 %.
 # - One storm for each point: another seed changes a peak by some percent, so that small steps of the maps mean nothing.
 # - Static springs in the place of the guys are wrong by a third in the standard deviation of tensions.
-# - The mast does not move vertically, nothing twists, the wind neither lifts nor makes guys gallop, ice grows on guys alone.
+# - The mast does not move vertically, nothing twists, the wind neither lifts nor makes guys gallop.
 
 # %%
 chain = cp.mast.simulate(

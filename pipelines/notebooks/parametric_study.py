@@ -117,7 +117,7 @@ peaks = full.tension_maximum.max("link").values
 for number, peak in zip(picked, peaks, strict=True):
     one = study.isel(member=number)
     text = f"{float(one.omega):.2f} rad/s, {float(one.sway):4.1f} cm: chain {peak:6.0f} N"
-    print(f"{text}, condensed {float(one.peak) / peak - 1:+.1%}, expected error of the motion {float(one.error):.2g} %")
+    print(f"{text}, condensed {float(one.peak) / peak - 1:+.1%}, expected error of the motion {float(one.error):.3g} %")
 
 # %%
 ax = cp.plots.parameter_map(study, "peak", x="omega", y="sway")

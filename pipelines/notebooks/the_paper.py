@@ -59,8 +59,8 @@ lengths = xr.Dataset(
 lengths.drop_vars(set(lengths.coords)).to_dataframe().round(4)
 
 # %% [markdown]
-# The first row is computed with $K$, the others with $K/100$; and not roughly, but to the last digit printed. With $K$ the guy
-# stretches by centimetres at most, with $K/100$ by metres, where the linearisation of eq. (16) no longer holds.
+# The first row is computed with $K$, but for one in the last digit printed; the others with $K/100$, to that digit. With $K$ the
+# guy stretches by centimetres at most, with $K/100$ by metres, where the linearisation of eq. (16) no longer holds.
 
 # %%
 cp.plots.rest(cp.catenary.rest(shipped.scene("example1")), cp.chain.rest(shipped.scene("example1")));

@@ -58,7 +58,7 @@ cp.plots.frequency_response(response);
 # %% [markdown]
 # Stable responses are solid lines, unstable ones dashed. The large response in the plane leans to the right, as large vibrations
 # stretch the guy and make it stiffer. It turns back at two folds: between them a large and a small response exist side by side.
-# At the squares the guy may leave the plane. From there to there it must: the response in the plane is unstable, whirling stable.
+# At the squares the guy may leave the plane. Between them the large response in the plane is unstable, and whirling is stable.
 
 # %%
 for k in range(response.sizes["bifurcation"]):

@@ -159,7 +159,7 @@ pair = [storms[name][0].assign_attrs(long_name=f"tension, {name}") for name in (
 cp.plots.spectra(*pair, segments=2 if SMALL else 12);
 
 # %% [markdown]
-# At a tenth of the guy the insulator takes a few percent off the first pair of frequencies, in and out of the plane, but more
+# At a tenth of the guy the insulator takes up to 9 % off the first pair of frequencies, in and out of the plane, but more
 # than a quarter off the second one. The peak rises by 1 %, the fatigue range by 7 %. In the middle it takes a third and a quarter
 # off the first pair, which comes closer to the gusts, and the fatigue range rises by a fifth. So insulators belong near the
 # ends. All four guys have 15 kN at the mast in still air.
