@@ -33,6 +33,8 @@ from cablepod.scene._read import read_scene
 RESPONSE, MODES, MAP = "frequency_response.nc", "modes.nc", "stability_map.nc"
 RESPONSE_FIGURES = ("frequency_response.png", "tension.png", "multipliers.png")
 MAP_FIGURES = ("growth.png", "response.png")
+#: Ratio of the largest amplitude of a map to that of the scene above which it may be in mm: between 1 and 1000.
+MUCH = 30.0
 #: Maximum number of frequencies, and of amplitudes, of a map: of more the table alone takes hours.
 MOST_POINTS = 10_000
 #: Number of vibration modes without a file of modes.
@@ -79,6 +81,7 @@ def tongues(
     low, high = _angular(frequency, hertz, dataset)
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
+    _note_of_amplitude(amplitude, dataset)
     with _saying_of_damping(dataset), Bars() as bars:
         omega, rising = np.linspace(low, high, points), amplitude * np.arange(1, points + 1) / points
         compute = partial(periodic.stability_map, dataset, chosen, frequency=omega, amplitude=rising)
@@ -104,6 +107,18 @@ def _angular(frequency: tuple[float, float], hertz: bool, scene: xr.Dataset) -> 
             f"{omega / (2.0 * np.pi):.4g} Hz; given in Hz? then --hertz"
         )
     return low, high
+
+
+def _note_of_amplitude(amplitude: float, scene: xr.Dataset) -> None:
+    """Say so where the largest amplitude is that of the scene in another unit: hundreds of times larger."""
+    from cablepod.periodic._forcing import periodic_forcing
+
+    own = periodic_forcing(parameters(scene))
+    if own.units == "m" and amplitude > MUCH * own.amplitude > 0.0:
+        _group.note(
+            f"--amplitude: up to {amplitude:g} m, {amplitude / own.amplitude:.3g} times that of the scene, {own.amplitude:g} m; "
+            f"given in mm? then {1e-3 * amplitude:g}"
+        )
 
 
 def _kept(compute: Callable[[], xr.Dataset]) -> tuple[xr.Dataset, int]:

@@ -11,6 +11,7 @@ from cablepod.conventions import ENDINGS_OF_AIR, digits, note_lines, printed, un
 from cablepod.discretisation._modal_damping import KEYS
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
+from cablepod.scene._notes import LARGEST_RADIANS
 from cablepod.scene._ranges import are_choices, points_of_grid
 
 #: Lines of the table: text and name.
@@ -94,6 +95,11 @@ def remarks(scene: xr.Dataset) -> str:
         which = "each its own, the last of all others" if len(p.damping_ratios) > 1 else "of all vibrations"
         beside = "; dampers add to it" if any(attachment.damper for attachment in p.attachments) else ""
         found.append((KEYS[p.has_list_of_ratios], f"{ratios} % {which}{beside}"))
+    if p.inclination is not None and 0.0 < abs(p.inclination) <= LARGEST_RADIANS:
+        angle = (
+            f"{p.inclination:g} degrees, nearly level; if that is in radians, {math.degrees(p.inclination):.4g} degrees"
+        )
+        found.append(("ends.inclination", angle))
     if functions and p.dims == 2:
         planar = "two coordinates: motion out of the plane cannot be seen; ends with three numbers show it"
         found.append(("space", planar))

@@ -14,7 +14,7 @@ from cablepod.catenary._statics import unstretched_length
 from cablepod.conventions import COORDINATES, is_rising, label, shared_coordinates
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._similarity import describe
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, UnusualSceneWarning, scene_error, warn
 from cablepod.parameters._checks import LARGEST, choice
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -32,6 +32,8 @@ SHAPES = {
 #: Maximum difference between ends and lengths of another program and those of the scene, as a fraction of the length: more than
 #: programs differ by, less than a mistake of units, axes or order makes.
 SAME = 0.01
+#: Ratio of the last instant to the duration of the scene above which instants may be in milliseconds: between 1 and 1000.
+MUCH_LONGER = 30.0
 #: Minimum norm of a shape after the part in the shapes before it is subtracted, relative to its own (below, it is rounding).
 INDEPENDENT = 1e-8
 
@@ -67,7 +69,7 @@ def snapshots(
     ------
     SceneError
         For positions that are not finite or have other dimensions, particles without places, and ends or a length that are not
-        those of the scene.
+        those of the scene.  Instants up to more than 30 times the duration of the scene give a warning.
 
     Examples
     --------
@@ -319,7 +321,10 @@ def _instants(array: xr.DataArray, times: Any, p: Parameters | None) -> np.ndarr
         times = p.times()
         if times.size != count:
             raise scene_error("times", f"none with {count} instants", f"times=, or the {times.size} of the scene")
-    return _rising("times", times, "s", count, f"{count} finite, rising instants [s]")
+    instants = _rising("times", times, "s", count, f"{count} finite, rising instants [s]")
+    if p is not None and instants[-1] > MUCH_LONGER * p.duration:
+        warn(f"times: up to {instants[-1]:g} s, of a scene of {p.duration:g} s; given in ms?", UnusualSceneWarning)
+    return instants
 
 
 def _check_ends(values: np.ndarray, instants: np.ndarray | None, p: Parameters) -> None:

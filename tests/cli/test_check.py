@@ -63,6 +63,16 @@ def test_the_table_holds_the_numbers_of_the_summary(capsys):
     assert "note" not in out
 
 
+@pytest.mark.parametrize(("inclination", "said"), [("0.733", "42 degrees"), ("42.0", None)])
+def test_an_inclination_that_may_be_in_radians_is_told(tmp_path, capsys, inclination, said):
+    path = tmp_path / "guy.toml"
+    path.write_text(re.sub(r"upper = .*", f"chord = 10.0\ninclination = {inclination}", SOFT_TOML, count=1))
+    status, out, _ = said_of(capsys, "check", str(path))
+    found = next((line for line in out.splitlines() if "if that is in radians" in line), None)
+    assert status == 0
+    assert found is None if said is None else found.endswith(said)
+
+
 def test_what_to_know_before_a_run_is_told(tmp_path, capsys):
     path = tmp_path / "guy.toml"
     sine = SOFT_TOML.replace("one_minus_cosine", "harmonic")

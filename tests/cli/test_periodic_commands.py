@@ -54,6 +54,26 @@ def test_frequencies_that_hold_the_forcing_as_hertz_alone_are_noted(guy, tmp_pat
     assert said in found if said else not found
 
 
+@pytest.mark.parametrize("amplitude", ["0.006", "6"])
+def test_amplitudes_that_may_be_in_millimetres_are_noted(guy, tmp_path, capsys, amplitude):
+    arguments = [
+        "tongues",
+        guy,
+        "--out",
+        str(tmp_path / "out"),
+        "--frequency",
+        "12.0",
+        "13.0",
+        "--rank",
+        "1",
+        "--points",
+        "2",
+    ]
+    assert cli.main([*arguments, "--amplitude", amplitude]) == 0
+    found = without_progress(capsys.readouterr().err)
+    assert ("given in mm? then 0.006" in found) == (amplitude == "6")
+
+
 def test_ramps_are_left_out_with_a_note(guy, tmp_path, capsys):
     def response(path, name):
         arguments = ["respond", str(path), "--out", str(tmp_path / name), "--frequency", "12.4", "12.6", "--rank", "1"]

@@ -49,6 +49,12 @@ def test_positions_of_another_program_are_a_trajectory(spatial):
         xr.testing.assert_identical(mine.drop_attrs(deep=False), theirs.drop_attrs(deep=False))
 
 
+def test_instants_in_milliseconds_are_warned_of():
+    run = chain()
+    with pytest.warns(cp.UnusualSceneWarning, match="given in ms"):
+        cp.snapshots(run.position.values, scene=scene(False), times=1e3 * run.time.values)
+
+
 def test_positions_bring_the_masses_of_their_scene():
     heavy = cp.make_scene({**SOFT, "attachment": [{"arc_length": 0.3, "mass": 5.0}]})
     run = cp.chain.simulate(heavy, links=10, step=1e-3)
