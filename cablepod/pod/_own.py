@@ -322,8 +322,9 @@ def _instants(array: xr.DataArray, times: Any, p: Parameters | None) -> np.ndarr
         if times.size != count:
             raise scene_error("times", f"none with {count} instants", f"times=, or the {times.size} of the scene")
     instants = _rising("times", times, "s", count, f"{count} finite, rising instants [s]")
-    if p is not None and instants[-1] > MUCH_LONGER * p.duration:
-        warn(f"times: up to {instants[-1]:g} s, of a scene of {p.duration:g} s; given in ms?", UnusualSceneWarning)
+    if p is not None and p.duration and instants[-1] > MUCH_LONGER * p.duration:
+        text = f"times: given up to {instants[-1]:g} s, of a scene of {p.duration:g} s; try: seconds, if these are ms"
+        warn(text, UnusualSceneWarning)
     return instants
 
 

@@ -51,7 +51,7 @@ def test_positions_of_another_program_are_a_trajectory(spatial):
 
 def test_instants_in_milliseconds_are_warned_of():
     run = chain()
-    with pytest.warns(cp.UnusualSceneWarning, match="given in ms"):
+    with pytest.warns(cp.UnusualSceneWarning, match="seconds, if these are ms"):
         cp.snapshots(run.position.values, scene=scene(False), times=1e3 * run.time.values)
 
 
