@@ -116,7 +116,7 @@ def _note_of_amplitude(amplitude: float, scene: xr.Dataset) -> None:
     own = periodic_forcing(parameters(scene))
     if own.units == "m" and amplitude > MUCH * own.amplitude > 0.0:
         _group.note(
-            f"--amplitude: up to {amplitude:g} m, {amplitude / own.amplitude:.3g} times that of the scene, {own.amplitude:g} m; "
+            f"--amplitude: up to {amplitude:g} m, {amplitude / own.amplitude:.0f} times that of the scene, {own.amplitude:g} m; "
             f"given in mm? then {1e-3 * amplitude:g}"
         )
 
