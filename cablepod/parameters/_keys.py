@@ -187,6 +187,8 @@ WIND = {
     "air_density": Key(number(above=0.0), "kg m-3", "density of the air", default=1.25),
     "ramp": Key(number(least=0.0), "s", "time from still air to the full wind", default=0.0),
 }
+#: Default interval of the samples of the turbulence, and the longest one [s].
+GUST_INTERVAL = 0.1
 #: Keys of turbulence from a file.
 WIND_RECORD = {
     "record": Key(text, None, "netCDF file of the wind, with wind (time, point, component)"),
@@ -203,6 +205,9 @@ TURBULENCE = {
         default=(10.0, 16.0),
     ),
     "seed": Key(integer(least=0), "1", "seed of the turbulence", default=0),
+    "interval": Key(
+        number(least=0.001, most=GUST_INTERVAL), "s", f"interval of the samples, {GUST_INTERVAL} s by default"
+    ),
     "exact_mean": Key(truth, None, "whether the mean over the run is exactly that of the profile, false by default"),
     **WIND_RECORD,
 }

@@ -13,7 +13,7 @@ import numpy as np
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import motion_path
-from cablepod.parameters._keys import DRAG_COEFFICIENT
+from cablepod.parameters._keys import DRAG_COEFFICIENT, GUST_INTERVAL
 from cablepod.parameters._time_functions import TimeFunction
 
 
@@ -37,6 +37,11 @@ def has_record(p: InWind) -> bool:
 def ramp_of(p: InWind) -> float:
     """Return the time in which the wind of a scene rises from still air [s]; 0 where it is there from the start."""
     return 0.0 if p.wind is None else float(p.wind["ramp"])
+
+
+def gust_interval(p: InWind) -> float:
+    """Return the interval of the samples of the turbulence [s]."""
+    return float((p.turbulence or {}).get("interval", GUST_INTERVAL))
 
 
 @dataclass(frozen=True)

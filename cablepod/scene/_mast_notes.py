@@ -19,7 +19,7 @@ from cablepod.parameters._keys import LENGTH_KEYS
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.parameters._parameters import ramp_of
 from cablepod.scene._note import Note, outside
-from cablepod.scene._notes import likely_keys, notes_of, remedy, worst_first
+from cablepod.scene._notes import likely_keys, notes_of, notes_of_gusts, remedy, worst_first
 from cablepod.scene._table_notes import (
     IN_PERCENT,
     LARGEST_DAMPING_RATIO,
@@ -182,6 +182,7 @@ def _notes_of_tables(p: MastParameters) -> Iterator[Note]:
     yield from notes_of_temperatures(p.temperatures)
     yield from notes_of_gravity(p.gravity)
     yield from notes_of_wind(p.wind, p.duration)
+    yield from notes_of_gusts(p, {guy.table: guy.p for guy in p.guys}.values())
     yield from notes_of_damping(p.guy_damping_ratios)
     what = "a damping ratio of the mast"
     yield from outside("mast.damping_ratio", what, p.damping_ratio, (0.0, LARGEST_DAMPING_RATIO), "", IN_PERCENT)

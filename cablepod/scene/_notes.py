@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +18,7 @@ from cablepod.errors import SceneError
 from cablepod.parameters._ice import coat_section, ice_thickness, mass_of_ice
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._keys import STIFFNESS_KEYS, WEIGHT_KEYS
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import InWind, Parameters, gust_interval, has_record
 from cablepod.parameters._time_functions import TimeFunction
 from cablepod.parameters._utilisation import utilisation
 from cablepod.scene._note import Note, outside
@@ -47,6 +48,8 @@ LARGEST_STRESS, LARGEST_STRAIN = 2.5e9, 0.05
 BREAKING_STRESS = (3e7, 7e9)
 #: Maximum usual ratios: unstretched length over chord, motion over chord, loads over weight.
 LARGEST_LENGTH, LARGEST_MOTION, LARGEST_LOAD = 2.0, 0.1, 100.0
+#: Maximum usual product of first frequency and interval of gusts: beyond it, samples take more than 2 % from gusts that resonate.
+LARGEST_PRODUCT = 0.2
 #: Factors between units that are mistaken for each other, and the name of the unit in which a value was likely given.
 UNITS: dict[str, dict[float, str]] = {
     "youngs_modulus": {1e3: "kPa", 1e6: "MPa", 1e9: "GPa", 1e-3: "", 1e-6: ""},
@@ -157,7 +160,22 @@ def notes_of(p: Parameters, tension: float | None = None) -> tuple[Note, ...]:
     SceneError
         If the scene has no equilibrium.
     """
-    return *_notes_of_units(p, tension), *worst_first(notes_of_tables(p))
+    return *_notes_of_units(p, tension), *worst_first([*notes_of_tables(p), *notes_of_gusts(p, [p])])
+
+
+def notes_of_gusts(p: InWind, cables: Iterable[Parameters]) -> Iterator[Note]:
+    """Yield the note on gusts whose samples are too far apart for the highest of the first frequencies of cables [Hz]."""
+    if p.turbulence is None or has_record(p):
+        return
+    highest = 0.0
+    for cable in cables:
+        with suppress(SceneError, ArithmeticError):  # rest refuses the scene
+            numbers = static_numbers(cable)
+            highest = max(highest, 0.5 / numbers.chord * math.sqrt(numbers.tension / cable.mass))
+    interval = gust_interval(p)
+    what = f"samples of gusts every {interval:g} s and a first frequency of {highest:.3g} Hz, with a product"
+    asked = f"try: at most {LARGEST_PRODUCT / max(highest, 1e-300):.2g} s"
+    yield from outside("wind.turbulence.interval", what, interval * highest, (0.0, LARGEST_PRODUCT), "", asked)
 
 
 def worst_first(notes: Iterable[Note]) -> list[Note]:

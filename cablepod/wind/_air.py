@@ -13,7 +13,8 @@ import xarray as xr
 from cablepod._resources import check_bytes
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, warn
-from cablepod.parameters._parameters import InWind, Parameters, has_record, ramp_of
+from cablepod.parameters._keys import GUST_INTERVAL
+from cablepod.parameters._parameters import InWind, Parameters, gust_interval, has_record, ramp_of
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._wind_field import (
     RECORD,
@@ -27,8 +28,8 @@ from cablepod.wind._drag import drag_of
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import across_of, direction_of, gusts
 
-#: Interval of the turbulence [s], and number of equidistant points along the cable: those of a scene do not depend on the model.
-INTERVAL, POINTS = 0.1, 41
+#: Number of equidistant points along the cable, whatever the model.
+POINTS = 41
 #: Arrays of a field while it is made, over the velocities: these, their components, the harmonics of one.
 ARRAYS_OF_FIELD = 3
 #: Number of samples that are rearranged together, which the caches of a processor hold.
@@ -153,9 +154,10 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     sigma, position = rest_points(p)
     ramp, mean = ramp_of(p), mean_velocity(p, position[:, 1])
     if p.turbulence is not None:
-        rate, interval = 1.0 / INTERVAL, INTERVAL
+        interval = gust_interval(p)
+        rate = 1.0 / interval
         content = ByKey((key_of_wind(p), position.tobytes()), (p, position))
-        velocity = mean + _kept_turbulence(content, end_time)[: instants_until(end_time)]
+        velocity = mean + _kept_turbulence(content, end_time)[: instants_until(p, end_time)]
     else:
         # the last two samples of a ramp are equal, as the wind is steady from there on
         count, rate, interval = (
@@ -180,7 +182,7 @@ def rising(velocity: np.ndarray, rate: float, ramp: float) -> tuple[np.ndarray, 
 
     A ramp has ten samples, but none closer than those of the gusts of a scene; between given ones the air is :func:`refined`.
     """
-    parts = max(1, math.ceil(min(PARTS_OF_RAMP / ramp, 1.0 / INTERVAL) / rate * (1.0 - 1e-6)))
+    parts = max(1, math.ceil(min(PARTS_OF_RAMP / ramp, 1.0 / GUST_INTERVAL) / rate * (1.0 - 1e-6)))
     if parts > 1:
         given = refined(velocity)
         places = np.linspace(0.0, len(given) - 1.0, (len(velocity) - 1) * parts + 1)
@@ -235,12 +237,12 @@ def mean_velocity(p: InWind, height: np.ndarray) -> np.ndarray:
     return mean_speed(p.wind, height - float(p.wind["ground"]))[..., None] * direction_of(p.wind)
 
 
-def instants_until(end_time: float, places: int = 1) -> int:
+def instants_until(p: InWind, end_time: float, places: int = 1) -> int:
     """Return the number of instants of a field that covers a run until `end_time` [s], of `places` numbers each.
 
     Refused are more than the memory holds with their harmonics and the models' copy.
     """
-    count = math.ceil(end_time / INTERVAL * (1.0 - 1e-12)) + 1
+    count = math.ceil(end_time / gust_interval(p) * (1.0 - 1e-12)) + 1
     needed = 8.0 * ARRAYS_OF_FIELD * places * count
     check_bytes(needed, "times", f"instants until {end_time:g} s, {needed / 1e9:.3g} GB of wind")
     return count
@@ -277,19 +279,20 @@ def turbulence_at(p: InWind, position: np.ndarray, end_time: float, order: np.nd
 
     assert p.wind is not None
     assert p.turbulence is not None
-    count = next_fast_len(instants_until(end_time, position.size) + 1)
+    count = next_fast_len(instants_until(p, end_time, position.size) + 1)
     total, seed = np.zeros((count, *position.shape)), int(p.turbulence["seed"])
     if not float(p.wind["speed"]):
         return total
     order = np.arange(len(position)) if order is None else order
     components = ((False, direction_of(p.wind)), (True, across_of(p.wind)))
     across, axes = zip(*((is_across, axis) for is_across, axis in components if axis is not None), strict=True)
-    parts, back = gusts(p.wind, p.turbulence, position[order], count, INTERVAL, seed, across=across), np.argsort(order)
+    parts = gusts(p.wind, p.turbulence, position[order], count, gust_interval(p), seed, across=across)
+    back = np.argsort(order)
     for first in range(0, count, SAMPLES_TOGETHER):
         own = [part[:, first : first + SAMPLES_TOGETHER][back].T for part in parts]
         total[first : first + SAMPLES_TOGETHER] = np.stack(own, axis=-1) @ np.array(axes)
     if p.turbulence.get("exact_mean", False):
-        total -= total[: instants_until(end_time)].mean(axis=0)
+        total -= total[: instants_until(p, end_time)].mean(axis=0)
     return total
 
 

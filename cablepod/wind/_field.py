@@ -16,12 +16,11 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, point
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.parameters._mast import MastParameters, mast_parameters
-from cablepod.parameters._parameters import has_record
+from cablepod.parameters._parameters import gust_interval, has_record
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._mast_field import mast_points
 from cablepod.scene._wind_field import linear_between
 from cablepod.wind._air import (
-    INTERVAL,
     air_of,
     instants_until,
     mean_velocity,
@@ -40,8 +39,8 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     scene
         A scene with the table ``[wind]``, of a cable or of a mast, with or without ``member``.
     times
-        Instants [s], rising from 0 on; by default every 0.1 s until the duration of the scene.  The turbulence is made at
-        intervals of 0.1 s and is linear between them.
+        Instants [s], rising from 0 on; by default those of the turbulence until the duration of the scene, every 0.1 s or
+        ``wind.turbulence.interval``; between these it is linear.
     seed
         Seed of the turbulence, instead of the scene's.
     points
@@ -95,7 +94,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     if times is None:
         if p.duration is None:
             raise SceneError("times: missing; allowed: instants [s], or a scene with time.duration")
-        time = INTERVAL * np.arange(instants_until(p.duration))
+        time = gust_interval(p) * np.arange(instants_until(p, p.duration))
     else:
         time = check_times(times)
     dims = 3 if is_mast else p.dims
@@ -126,7 +125,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
 def _turbulence(p: Any, position: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Return the turbulence (instants, points, dims) [m/s]."""
     values = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
-    instants = INTERVAL * np.arange(len(values))
+    instants = gust_interval(p) * np.arange(len(values))
     if np.array_equal(time, instants[: time.size]):
         return values[: time.size]
     return linear_between(instants, values, time, axis=0)

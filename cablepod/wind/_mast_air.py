@@ -13,12 +13,11 @@ import xarray as xr
 from cablepod._inputs import ROUNDING
 from cablepod.errors import SceneError
 from cablepod.parameters._mast import MastParameters
-from cablepod.parameters._parameters import has_record, ramp_of
+from cablepod.parameters._parameters import gust_interval, has_record, ramp_of
 from cablepod.parameters._time_functions import smooth_step
 from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS, at_mast_points, mast_points
 from cablepod.scene._wind_field import field_of_record, key_of_record
 from cablepod.wind._air import (
-    INTERVAL,
     SAMPLES_TOGETHER,
     ByKey,
     density_of,
@@ -149,11 +148,13 @@ def _of_scene(content: ByKey) -> MastAir:
     if p.turbulence is None and not ramp_of(p):
         velocity = np.repeat(mean[None], 2, axis=0)
     else:
-        velocity = np.zeros((instants_until(end_time, mean.size), *mean.shape))
+        velocity = np.zeros((instants_until(p, end_time, mean.size), *mean.shape))
         if p.turbulence is not None and float(p.wind["speed"]):
             velocity = turbulence_at(p, position, end_time, _order_in_wind(p))[: len(velocity)]
         velocity += mean
-    return _ramped(p, MastAir(position, velocity, 1.0 / INTERVAL, mean, mean, float(p.wind["air_density"]), True))
+    return _ramped(
+        p, MastAir(position, velocity, 1.0 / gust_interval(p), mean, mean, float(p.wind["air_density"]), True)
+    )
 
 
 def _order_in_wind(p: MastParameters) -> np.ndarray:

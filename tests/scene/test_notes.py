@@ -358,6 +358,31 @@ def test_usual_tables_have_no_notes(change):
     assert notes(AIRY | change) == []
 
 
+@pytest.mark.parametrize("kind", ["cable", "mast"])
+@pytest.mark.parametrize(("interval", "said"), [(0.1, "first frequency of 3.09 Hz"), (0.06, "")])
+def test_gusts_with_few_samples_in_a_period_are_noted(kind, interval, said):
+    """A guy of 20 m, 15 kN and 0.981 kg/m: 3.09 Hz."""
+    gusts = {"wind": {**WIND, "turbulence": {"spectrum": "kaimal", "interval": interval}}}
+    cable = {**GUY["cable"], "diameter": 0.016}
+    if kind == "mast":
+        del cable["top_tension"]
+        guys = {
+            "cable": "a",
+            "level": 18.856,
+            "radius": 6.6667,
+            "count": 3,
+            "direction": [1.0, 0.0, 0.0],
+            "top_tension": 15000.0,
+        }
+        mast = {"height": 20.0, "bending_stiffness": 2e7, "mass": 40.0, "drag_area": 0.4}
+        mapping = {"mast": mast, "cables": {"a": cable}, "guy": [guys], "time": GUY["time"]}
+        mapping |= {"wind": {**gusts["wind"], "direction": [1.0, 0.0, 0.0]}}
+    else:
+        mapping = {**GUY, "cable": cable, "ends": {"lower": [0.0, 0.0], "upper": [6.6667, 18.856]}} | gusts
+    found = [text for key, text in notes(mapping) if key == "wind.turbulence.interval"]
+    assert [said in text for text in found] == [True] * bool(said), found
+
+
 def test_a_drag_coefficient_above_three_is_noted():
     mapping = guy(diameter=0.016, drag_coefficient=3.1) | {"wind": WIND}
     assert [key for key, _ in notes(mapping)] == ["cable.drag_coefficient"]

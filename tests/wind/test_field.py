@@ -258,6 +258,45 @@ def test_an_exact_mean_holds_for_masts_and_in_files(tmp_path):
     np.testing.assert_array_equal(cp.mast.simulate(again).guy_tension, cp.mast.simulate(scene).guy_tension)
 
 
+def fine(mapping):
+    """A scene whose gusts have samples every 0.04 s."""
+    return {**mapping, "wind": {**KAIMAL, "turbulence": {**KAIMAL["turbulence"], "interval": 0.04}}}
+
+
+def test_finer_samples_have_the_shorter_gusts_too():
+    """The variance is that of the harmonics up to 12.5 Hz, in place of 5 Hz, at points of their own."""
+    tables = {**fine(GUY), "time": {"duration": 600.0, "interval": 1.0}}
+    field = cp.wind.field(cp.make_scene(tables), points=[[0.0, 10.0, 0.0]])
+    np.testing.assert_allclose(field.time, 0.04 * np.arange(15001), rtol=1e-12)
+    spectrum = np.abs(np.fft.rfft((field.wind - field.mean_wind).values[:-1, 0, 0])) ** 2 * 2.0 * 0.04 / 15000
+    n = np.arange(spectrum.size) / 600.0
+    for low, high in ((1.0, 5.0), (5.0, 12.0)):
+        band = (n > low) & (n < high)
+        # the field is part of a longer period, which leaks, by 600 harmonics and more
+        assert spectrum[band].sum() == pytest.approx(kaimal(n[band], 10.0, False).sum(), rel=0.1)
+
+
+@pytest.mark.parametrize("model", ["chain", "condensed", "mast"])
+def test_models_take_finer_samples_as_they_do_a_finer_field(model):
+    tables = fine({**GUY, "time": {"duration": 2.0, "interval": 0.1}})
+    tables["wind"]["speed"] = 15.0
+    scene = small(lambda mast: mast.update(wind=tables["wind"])) if model == "mast" else cp.make_scene(tables)
+    options = {"step": 0.02, "outputs": (name := "guy_tension" if model == "mast" else "position",)}
+    if model == "chain":
+        options = {"step": 2e-4}
+    if model == "condensed":
+        options["modes"] = cp.condensed.vibration_modes(scene, rank=4)
+    simulate = getattr(cp, model).simulate
+    coarse = scene.drop_vars("wind_turbulence_interval")
+    own, given, other = (
+        simulate(scene, **options),
+        simulate(coarse, wind=cp.wind.field(scene), **options),
+        simulate(coarse, **options),
+    )
+    np.testing.assert_allclose(own[name], given[name], rtol=1e-13)  # one over the interval is rounded
+    assert float(abs(own[name] - other[name]).max()) > 0.0
+
+
 @pytest.mark.parametrize("value", [1, 0.0, "true", None, [True]])
 def test_an_exact_mean_is_true_or_false(value):
     tables = exact(GUY)

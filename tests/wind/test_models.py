@@ -11,7 +11,9 @@ import pytest
 import xarray as xr
 from mast_scenes import small, windy
 from scipy.integrate import solve_bvp
+from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import curve_fit
+from scipy.signal import firwin, resample_poly
 from suite import slow
 from wind_scenes import GUY, WIND
 
@@ -19,6 +21,10 @@ import cablepod as cp
 
 LENGTH, TENSION, MASS, STIFFNESS, DIAMETER = 50.0, 20000.0, 1.0, 2.0e7, 0.02
 AIR, DRAG = 1.25, 1.2
+
+#: A string of 5 m, 25 m above ground, and a wind across it.
+LEVEL = {"lower": [0.0, 25.0, 0.0], "upper": [5.0, 25.0, 0.0]}
+ACROSS = {"speed": 20.0, "direction": [0.0, 0.0, 1.0]}
 
 
 def string(speed=20.0, *, links=40, stiffness=STIFFNESS, duration=2.0, turbulence=None, points=None):
@@ -238,6 +244,98 @@ def test_denser_points_take_away_the_gusts_that_are_too_long():
         expected.append(math.sqrt(squares[0] / squares[1]))
     assert expected == pytest.approx([1.04, 1.30, 1.35], abs=0.01)
     np.testing.assert_allclose(swing[9] / swing[161], expected, rtol=0.05)  # three standard deviations of 14 seeds
+
+
+def gain(product):
+    """Gain of a wave over its frequency times the interval: polynomials through six samples to a quarter, then straight lines."""
+    nodes, places = np.arange(-2.0, 4.0), np.arange(4) / 4.0
+    weights = BarycentricInterpolator(nodes, np.eye(6))(places)
+    turns = np.exp(-2j * np.pi * product * (places[:, None] - nodes))
+    return np.sinc(product / 4.0) ** 2 * abs((weights * turns).sum()) / 4.0
+
+
+@pytest.mark.parametrize(("frequency", "expected"), [(2.0, 0.98), (2.5, 0.96), (3.0, 0.91), (3.5, 0.83), (4.0, 0.72)])
+def test_gusts_between_samples_lose_amplitude(frequency, expected):
+    """A taut string of 29 Hz follows a wave of the wind, so that its amplitude is that of the wave between the samples."""
+    cable = {**GUY["cable"], "top_tension": 60000.0}
+    time = {"duration": 10.0, "interval": 0.02}
+    scene = cp.make_scene(
+        {**GUY, "cable": cable, "ends": LEVEL, "wind": {**ACROSS, "profile": "uniform"}, "time": time}
+    )
+    modes, swings = cp.condensed.vibration_modes(scene, rank=2), []
+    for interval in (0.1, 0.0125):
+        field = cp.wind.field(scene, times=interval * np.arange(round(10.0 / interval) + 1))
+        field["wind"] = field.wind * (1.0 + 0.02 * np.cos(2.0 * np.pi * frequency * field.time))
+        run = cp.condensed.simulate(scene, modes, step=2.5e-3, wind=field, outputs=())
+        swings.append(
+            abs((run.amplitude_out_of_plane[100:500, 0] * np.exp(-2j * np.pi * frequency * run.time[100:500])).sum())
+        )
+    assert gain(0.1 * frequency) == pytest.approx(expected, abs=0.005)
+    assert float(swings[0] / swings[1]) == pytest.approx(gain(0.1 * frequency), abs=0.003)  # and 0.0125 s loses 1e-3
+
+
+@pytest.mark.parametrize(("height", "expected"), [(10.0, 0.010), (30.0, 0.005)])
+def test_gusts_between_samples_lose_variance(height, expected):
+    """Of all variance of Kaimal's spectrum at 25 m/s, which is 6 of the reduced one."""
+    n = np.linspace(1e-3, 5.0, 500)
+    spectrum = 200.0 * height / 25.0 / (1.0 + 50.0 * n * height / 25.0) ** (5 / 3)
+    lost = 1.0 - np.array([gain(0.1 * frequency) for frequency in n]) ** 2
+    assert np.trapezoid(lost * spectrum, n) / 6.0 == pytest.approx(expected, abs=0.0006)
+
+
+#: Guys [m, N], and a mast: change of the fatigue range and of the standard deviation of the tension [%], with samples every 0.1 s
+#: and every 0.05 s.
+BETWEEN = {
+    (61.2, 22000.0): ((-0.1, 0.0), (0.0, 0.0)),
+    (30.0, 20000.0): ((-1.7, -0.6), (-0.1, -0.1)),
+    (20.0, 15000.0): ((-6.0, -2.3), (-0.4, -0.2)),
+    (17.0, 20000.0): ((-18.5, -7.6), (-1.2, -0.5)),
+    None: ((-11.2, -3.3), (-1.6, -0.4)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("guy", "expected"), BETWEEN.items(), ids=str)
+def test_finer_samples_keep_the_gusts_that_resonate(guy, expected):
+    """Samples every 0.025 s, and of the same gusts without what is shorter than two intervals, one in two and one in four."""
+    wind = {"speed": 25.0, "direction": [0.6, 0.0, 0.8], "turbulence": {"spectrum": "kaimal", "interval": 0.025}}
+    time, changes = {"duration": 300.0, "interval": 0.02}, []
+    if guy is None:
+        scene = small(
+            lambda tables: (
+                windy(tables),
+                tables.update(wind=wind, time=time),
+                tables["mast"].update(modes=8, elements=16),
+                tables["guy"].append({**tables["guy"][0], "level": 15.0}),
+            )
+        )
+    else:
+        ends = {"lower": [0.0, 0.0, 0.0], "upper": [guy[0] / 3.0, guy[0] * math.sqrt(8.0) / 3.0, 0.0]}
+        scene = cp.make_scene(
+            {**GUY, "cable": {**GUY["cable"], "top_tension": guy[1]}, "ends": ends, "wind": wind, "time": time}
+        )
+        modes = cp.condensed.vibration_modes(scene, rank=4)
+    for seed in range(3):
+        field, ranges = cp.wind.field(scene, seed=seed), []
+        for every in (1, 4, 2):
+            own = field.isel(time=slice(None, None, every)).copy()
+            if every > 1:
+                gusts = resample_poly(
+                    field.wind - field.mean_wind, 1, every, window=firwin(1601, 1.0 / every), padtype="line"
+                )
+                own["wind"] = own.wind.dims, gusts + field.mean_wind.values
+            if guy is None:
+                tension = cp.mast.simulate(scene, step=0.005, rank=4, wind=own, outputs=("guy_tension",)).guy_tension
+            else:
+                tension = cp.condensed.simulate(
+                    scene, modes, step=0.005, wind=own, outputs=("tension",), links=[20]
+                ).tension
+            tension = tension[500:]
+            ranges.append([float(cp.fatigue.equivalent(tension).mean()), float(tension.std("time").mean())])
+        changes.append(np.array(ranges[1:]) / ranges[0] - 1.0)
+    np.testing.assert_allclose(
+        100.0 * np.mean(changes, axis=0), expected, rtol=0.0, atol=0.06
+    )  # as rounded, seeds are given
 
 
 def gusty(**tables):

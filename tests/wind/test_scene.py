@@ -54,6 +54,8 @@ def wrong(**changes):
         ({"wind__turbulence__intensity": 0.2}, "wind.turbulence.intensity"),
         ({"wind__turbulence__decay": [10.0]}, "wind.turbulence.decay"),
         ({"wind__turbulence__seed": 1.5}, "wind.turbulence.seed"),
+        ({"wind__turbulence__interval": 0.2}, "wind.turbulence.interval"),
+        ({"wind__turbulence__interval": 0.0}, "wind.turbulence.interval"),
         ({"wind__turbulence__sed": 1}, "wind.turbulence.sed"),
         ({"wind": 3.0}, "wind"),
         ({"cable__diameter": None}, "cable.diameter"),
