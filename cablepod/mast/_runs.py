@@ -30,6 +30,7 @@ from cablepod.mast._catenary_run import CatenaryGuys
 from cablepod.mast._chain_run import ChainGuys, links_of
 from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys, CondensedRun, guys_in_mean_wind
+from cablepod.mast._kernels_layout import UNSTABLE
 from cablepod.mast._model import ModalMast, modal_mast
 from cablepod.mast._piecewise_guys import KINDS, first_thing, kind_of_guys, refuse_ratios, refuse_things
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
@@ -46,8 +47,8 @@ from cablepod.wind._mast_air import mast_air
 
 #: Default and largest number of modes of each deflection of a guy, and number of those beyond them in the error estimate.
 RANK, MAX_RANK, RICHER = 4, 60, 4
-#: Maximum number of halved steps to meet a tolerance.
-MAX_HALVINGS = 6
+#: Maximum number of halved steps to meet a tolerance, and where guys stiffen: at 16^2 times its tension at rest a guy has broken.
+MAX_HALVINGS, STIFF_HALVINGS = 6, 4
 #: Standard deviation of a tension over its mean up to which it is the rounding of a guy at rest.
 STILL = 1e-9
 
@@ -112,11 +113,12 @@ class MastCase:
 
     def run(self) -> tuple[MastTrajectory, dict[str, Any]]:
         """Run, with an estimate of the error where it is asked; return the trajectory and what is known of its errors."""
-        run, notes = _converged(self.model, self.request, self.tolerance)
+        start = _run_stably(self.model, self.request) if self.step is None else self.model.run(self.request)
+        run, notes = _converged(self.model, start, self.tolerance)
         if "error_estimate" in self.wanted and not run.status:
             richer, request = self._condensed(None, self.count + RICHER), run.request
             step = 0.5 * min(request.step, richer.default_step)  # with the same step both would have its error
-            finer = richer.run(request_of(request.times, step, None, self.window))
+            finer = _run_stably(richer, request_of(request.times, step, None, self.window))
             notes["error_estimate"] = np.nan if finer.status else float(difference(run, finer).max(initial=0.0))
         return run, notes
 
@@ -154,8 +156,8 @@ class MastCase:
             where = self.p.guys[run.guy].key if self.p.guys else "mast"
             reason = (
                 "left the finite numbers"
-                if run.status == 1
-                else f"stiffened beyond the stability limit of the step ({where})"
+                if run.status != UNSTABLE
+                else f"stiffened beyond the stability limit of the step {run.request.step:.4g} s ({where})"
             )
             raise RunStopped(
                 f"the mast {reason} at {run.stopped_at:.6g} s; partial holds the result until then; try a shorter step"
@@ -231,12 +233,22 @@ def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any) -> None:
         raise scene_error("tolerance", tolerance, "none beside step")
 
 
-def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tuple[MastTrajectory, dict[str, Any]]:
-    """Run, with halved steps until a tolerance is met."""
+def _run_stably(model: Any, request: MastRequest) -> MastTrajectory:
+    """Run; halve the step where the guys stiffen beyond its stability limit, as they do at many times their tension at rest."""
     run = model.run(request)
+    for _ in range(STIFF_HALVINGS):
+        if run.status != UNSTABLE:
+            break
+        request = replace(request, every=2 * request.every)
+        run = model.run(request)
+    return run
+
+
+def _converged(model: Any, run: MastTrajectory, tolerance: float | None) -> tuple[MastTrajectory, dict[str, Any]]:
+    """Halve the step of a run until a tolerance is met."""
     if tolerance is None or run.status:
         return run, {}
-    error = np.inf
+    error, request = np.inf, run.request
     for _ in range(MAX_HALVINGS):
         request = replace(request, every=2 * request.every)
         finer = model.run(request)

@@ -60,7 +60,8 @@ def simulate(
     times
         Equally spaced output times from 0 on [s], instead of the scene's.
     step
-        Step [s], which divides the interval of the output; chosen by default.
+        Step [s], which divides the interval of the output; chosen by default, and halved where a guy stiffens beyond its
+        stability limit.
     tolerance
         Largest difference of the guys' tensions from those of half the step, rms over their standard deviation; the step is
         halved until it is met.
@@ -98,7 +99,8 @@ def simulate(
         For invalid options, a step above the stability limit, static guys that break, segments or attachments with other guys
         than chains, modes of a cable within 12 degrees of the vertical, and as :func:`rest`.
     RunStopped
-        If the motion leaves the finite numbers or stiffens beyond the stability limit; ``partial`` is the result until then.
+        If the motion leaves the finite numbers or stiffens beyond the stability limit of a given step, or of the shortest one;
+        ``partial`` is the result until then.
 
     Warns
     -----

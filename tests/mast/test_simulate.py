@@ -354,6 +354,19 @@ def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_its_start():
     assert "incomplete" in stopped.value.partial.attrs
 
 
+@pytest.mark.filterwarnings("ignore::cablepod.errors.OutOfRangeWarning")  # guy 1 goes slack, the mast slopes
+def test_the_default_step_serves_guys_that_become_many_times_as_taut():
+    def pulled(mapping):
+        mapping["mast"]["load"][0]["force"] = [3000.0, 0.0, 1200.0]
+        mapping["guy"][0]["top_tension"] = 1000.0
+
+    run, chain = cp.mast.simulate(small(pulled)), cp.mast.simulate(small(pulled), guys="chain")
+    # of the taut guys, to 9 times their tension at rest: 3 % and 1.1 %, for guy 1 resists compression
+    np.testing.assert_allclose(run.guy_tension_maximum[1:], chain.guy_tension_maximum[1:], rtol=0.04)
+    with pytest.raises(RunStopped, match=r"stability limit of the step 0\.02 s \(guy\.1\)"):  # a given one stays
+        cp.mast.simulate(small(pulled), step=2.0 * run.attrs["step"])
+
+
 def test_archive_keeps_a_run(tmp_path):
     run = cp.mast.simulate(small(), outputs=("displacement", "guy_tension", "guy_force", "bending_moment", "extremes"))
     for name, variable in run.variables.items():
