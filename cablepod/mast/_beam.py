@@ -11,12 +11,10 @@ import numpy as np
 
 from cablepod.catenary._end_stiffness import gauss_rule
 from cablepod.errors import OutOfRangeWarning, warn
-from cablepod.parameters._mast import MastParameters
+from cablepod.parameters._mast import CLOSE, MastParameters
 
 #: Points of Gauss quadrature of an element: products of cubic shapes with a linear axial force are exact.
 GAUSS_POINTS = 4
-#: Largest distance of places that share a node, over the height: elements as short as this leave no digit of the stiffness.
-CLOSE = 1e-5
 #: Columns of the sections of :class:`MastParameters`.
 BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
 #: Directions of the displacement: x and z.
@@ -114,7 +112,7 @@ class Beam:
     @kept
     def _of_pull(self, level: float) -> np.ndarray:
         """Return the stiffness of a pull of one at a height [m], of one direction."""
-        return self._assembled(1, -1.0 * (level > self._places))
+        return self._assembled(1, -1.0 * (level > self.middle[:, None]))
 
     def compression(self, place: np.ndarray, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return the axial force at heights [m] within elements, positive in compression: weight and guys above [N]."""
@@ -157,9 +155,19 @@ class Beam:
         """Matrix from the unknowns to the displacement of all nodes in x and z (node, 2, count)."""
         return self.along_both(np.eye(2 * self.height.size)[::2])
 
+    def nodes_at(self, heights: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Return the indices of the nodes that places at heights [m] have (heights,)."""
+        return np.abs(self.height - np.reshape(heights, (-1, 1))).argmin(axis=1)
+
     def rows_at(self, heights: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the matrix from the unknowns to the displacement of the nodes at heights [m] in x and z (heights, 2, count)."""
-        return self.all_rows[np.abs(self.height - np.reshape(heights, (-1, 1))).argmin(axis=1)]
+        """Return the matrix from the unknowns to the displacement in x and z at heights [m] of nodes or close to them.
+
+        Its dimensions are (heights, 2, count).  Beside a node the slope of the node adds to its displacement, and forces there
+        have their moment about the node.
+        """
+        node, unknowns = self.nodes_at(heights), np.eye(2 * self.height.size)
+        beside = np.reshape(heights, -1) - self.height[node]
+        return self.along_both(unknowns[2 * node] + beside[:, None] * unknowns[2 * node + 1])
 
     def section_rows(self, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return the matrix from the unknowns to the section forces in x and z (node + element ends, 2, count).
@@ -182,7 +190,7 @@ class Beam:
     @kept
     def sections_of_pull(self, level: float) -> np.ndarray:
         """Return what a downward pull of one at a height [m] adds to :meth:`section_rows`."""
-        return self._sections(self._blocks(1, -1.0 * (level > self._places)))
+        return self._sections(self._blocks(1, -1.0 * (level > self.middle[:, None])))
 
     @cached_property
     def _sections_without_guys(self) -> np.ndarray:
@@ -234,10 +242,11 @@ class Beam:
 
 def beam_of(p: MastParameters) -> Beam:
     """Make the mesh of a mast: nodes at all guys, loads and ends of sections, the other elements where they are longest."""
-    ends = [0.0, p.height, *p.sections[:, TOP], *(guy.level for guy in p.guys), *(load.level for load in p.loads)]
-    places = np.unique(ends)
-    apart = np.append(np.diff(places) > CLOSE * p.height, True)
-    places = np.append(0.0, places[apart & (places > CLOSE * p.height)])  # the foot and the top stay
+    nodes = [0.0, p.height]
+    for place in (*p.sections[:, TOP], *(guy.level for guy in p.guys), *(load.level for load in p.loads)):
+        if np.abs(place - np.array(nodes)).min() > CLOSE * p.height:
+            nodes.append(place)
+    places = np.sort(nodes)
     spans = np.diff(places)
     count = np.ones(spans.size, dtype=int)
     while count.sum() < p.elements:

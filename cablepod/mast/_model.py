@@ -40,9 +40,9 @@ class ModalMast:
         rest, p = self.rest, self.rest.p
         count = min(2 * p.modes, rest.beam.count)
         omega, modes = lowest_vibrations(rest.stiffness, self.mass_with_guys, count)
-        broken = np.unique([guy.level for guy in p.guys if guy.breaks is not None])
+        broken = np.unique(rest.beam.nodes_at([guy.level for guy in p.guys if guy.breaks is not None]))
         if broken.size and count + 2 * broken.size <= rest.beam.count:
-            rows = rest.beam.rows_at(broken)
+            rows = rest.beam.all_rows[broken]
             space = np.hstack([modes, np.linalg.solve(rest.stiffness, rows.reshape(-1, rest.beam.count).T)])
             space /= np.sqrt(np.einsum("ia,ij,ja->a", space, self.mass_with_guys, space))
             squared, turned = eigh(space.T @ rest.stiffness @ space, space.T @ self.mass_with_guys @ space)

@@ -95,6 +95,11 @@ ANCHORED = {"cable": "guy", "level": 28.0, "top_tension": 5000.0}
         ("mast.load.1.force", [1.0, 2.0, 3.0], ""),
         ("mast.load.1.level", 99.0, ""),
         ("mast.section", [{"from": 20.0, "to": 10.0}], "mast.section.1.to"),
+        (
+            "mast.section",
+            [{"from": 10.0, "to": 10.008}],
+            "mast.section.1.to",
+        ),
         ("mast.section", [{"from": 0.0, "to": 10.0}, {"from": 5.0, "to": 15.0}], "mast.section.2.from"),
         ("cable", {"area": 1.0}, ""),
         ("damping.link_viscosity", 1e-3, ""),
