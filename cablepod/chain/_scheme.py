@@ -28,6 +28,7 @@ from cablepod.integrate._space_error import (
     FEWER_IMPLICIT_STEPS,
     FEWER_STEPS,
     MANY_TIMES,
+    MOTION_OVER_SAMPLING,
     companion_cells,
     companion_steps,
     distance_of,
@@ -74,9 +75,14 @@ class PreparedScene(NamedTuple):
 
 
 def prepare(
-    p: Parameters, request: ChainRequest, title: str, progress: Callable[[float], None] | None = None
+    p: Parameters,
+    request: ChainRequest,
+    title: str,
+    progress: Callable[[float], None] | None = None,
+    *,
+    averaged: bool = False,
 ) -> PreparedScene:
-    """Check a scene against the request and compute the initial shape.
+    """Check a scene against the request and compute the initial shape; `averaged` is the air of a companion.
 
     Raises
     ------
@@ -93,6 +99,8 @@ def prepare(
     check_memory(instants.size, chain.links, p.dims, key=key, variables=ARRAYS_OF_RUN)
     check_count(p, key.partition(" and ")[0], chain.links)
     cable_air = air_of(p, float(instants[-1]), request.wind)
+    if averaged and cable_air is not None:
+        cable_air = cable_air.averaged(chain.arc_length / chain.total_length)
     air = None if cable_air is None else ChainAir(chain, cable_air)
     initial = start(chain, air)
     attached = attached_forces(chain, initial, air)
@@ -127,7 +135,11 @@ def solve(ready: PreparedScene, request: ChainRequest) -> Solution:
 
 
 def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
-    """Add the estimate of the error in space, where it is an output, by a companion run with fewer links; nan without one."""
+    """Add the estimate of the error in space, where it is an output, by a companion run with fewer links; nan without one.
+
+    Particles that miss points of gusts err by more than second order.  The companion has the air averaged over its links, so that
+    its distance contains that error of the run, which extrapolation would divide by the factor of second order.
+    """
     if "error_estimate" not in request.outputs:
         return solved
     run, rate, links = solved.run, solved.steps_per_second, solved.run.chain.links
@@ -142,14 +154,17 @@ def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
         plain = replace(
             request, links=None, scheme=run.scheme, step=None, window=None, outputs=(), times=run.times[::every]
         )
-        explicit, coarse = prepare(p, plain, "")[:2]
+        explicit, coarse = prepare(p, plain, "", averaged=True)[:2]
         # steps at least as much longer as the links, so that errors of both fall alike
         least = min(fewer / links, FEWER_IMPLICIT_STEPS if part is None else FEWER_STEPS) if is_given else fewer / links
         state = coarse.as_companion()(rate * companion_steps(least, part, run.step_limit / explicit.step_limit))
     except (RunStopped, SceneError):  # too few links for this scene
         return solved._replace(space_error=math.nan)
     distance = distance_of(coarse, state, run, solved.trajectory, every)
-    return solved._replace(space_error=extrapolated(distance, links / fewer))
+    error = extrapolated(distance, links / fewer)
+    if run.air is not None:  # particles between points of the wind, which the companion's load does not lack
+        error = min(distance, error + MOTION_OVER_SAMPLING * run.air.sampling_error)
+    return solved._replace(space_error=error)
 
 
 def _with_links(p: Parameters, links: int) -> Parameters:

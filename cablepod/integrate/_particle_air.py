@@ -50,6 +50,10 @@ class ParticleAir(Protocol):
     def velocity(self) -> np.ndarray:
         """Velocity of the air (samples, dims, n + 1) [m/s]."""
 
+    @property
+    def sampling_error(self) -> float:
+        """Error of the load by gusts on the first vibration, as a part of its rms, by the places of the particles."""
+
     def step_limit(self, end_time: float) -> float:
         """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
 

@@ -24,6 +24,8 @@ MANY_TIMES = 100
 COMPANION_NEWTON = 30.0
 #: Largest part of the stability limit that steps of a companion are lengthened to, and part above which steps are close to it.
 MOST_OF_LIMIT, CLOSE_TO_LIMIT = 0.9, 0.65
+#: Largest error of the motion over that of the load of gusts on the first vibration, by the places of the particles (1.2 to 1.9).
+MOTION_OVER_SAMPLING = 1.9
 #: Loops over links vectorise best with multiples of this number.
 LANES = 8
 

@@ -71,6 +71,27 @@ class CableAir:
         """Return the velocity (samples, places, dims) [m/s] at relative arc lengths (places,)."""
         return linear_between(self.sigma, self.velocity, sigma)
 
+    def averaged(self, sigma: np.ndarray) -> CableAir:
+        """Return this air at relative arc lengths (places,), averaged with the linear shape function of each.
+
+        Few places then carry the load of gusts that are shorter than their distance on the lowest shapes of the cable.
+        """
+        from scipy.interpolate import make_interp_spline
+
+        given = np.unique([0.0, *np.clip(self.sigma, 0.0, 1.0), 1.0])
+        widths = np.diff(sigma)
+        tributary = 0.5 * (np.append(widths, 0.0) + np.append(0.0, widths))
+
+        def average(
+            velocity: np.ndarray,
+        ) -> np.ndarray:  # the second derivative of the shape functions is a sum of deltas
+            once = make_interp_spline(given, linear_between(self.sigma, velocity, given), k=1, axis=1).antiderivative()
+            slopes = np.diff(once.antiderivative()(sigma), axis=1) / widths[:, None]
+            ends = np.concatenate([once(sigma[:1]), slopes, once(sigma[-1:])], axis=1)
+            return np.diff(ends, axis=1) / tributary[:, None]
+
+        return replace(self, velocity=average(self.velocity), mean=average(self.mean[None])[0], sigma=sigma)
+
     @property
     def refinement(self) -> int:
         """Ratio of the samples of :func:`refined` to those of the velocity."""

@@ -51,6 +51,22 @@ def test_the_estimate_of_a_chain_is_within_a_factor_of_three(shipped, options):
     assert error / 3.0 < run.attrs["space_error_estimate"] < 3.0 * error
 
 
+@pytest.mark.filterwarnings("ignore::cablepod.errors.CoarseWarning")  # of 24 links, which miss points of the wind
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_estimate_in_gusts_knows_what_falls_by_more_than_second_order(seed):
+    tables = tomllib.loads((examples.data_folder() / "new.toml").read_text())
+    del tables["motion"]
+    tables["wind"] = {"speed": 25.0, "direction": [1.0, 0.0], "turbulence": {"spectrum": "kaimal", "seed": seed}}
+    tables["time"] = {"duration": 8.0, "interval": 0.1}
+    scene = cp.make_scene(tables)
+    fine = cp.chain.simulate(scene, links=160, scheme="trapezoidal", step=0.005)
+    for links in (24, 40):
+        run = cp.chain.simulate(scene, links=links, tolerance=1e-3, outputs=("position", "error_estimate"))
+        error = float(cp.compare.errors(run, fine).error_max)
+        # errors are about 10 and 1 %, estimates of four seeds 0.78 to 2.1 times as large
+        assert 0.7 * error < run.attrs["space_error_estimate"] < 2.5 * error
+
+
 @pytest.mark.parametrize("options", [{"elements": 1}, {"elements": 2}, {"elements": 5, "order": 1}])
 def test_the_estimate_of_elements_is_an_upper_one(shipped, options):
     scene, truth = shipped
