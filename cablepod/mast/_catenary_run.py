@@ -22,6 +22,8 @@ from cablepod.wind._mast_air import MastAir
 
 #: Intervals of a table, and its reach to both sides over the height of the mast.
 INTERVALS, REACH = 1000, 0.03
+#: Difference of the tension of a static guy in still air from that at rest in the mean wind, over this, above which it warns.
+DRAG_COUNTS = 0.05
 #: Steps in the shortest period of the mast's modes, whose frequencies the scheme has exactly.
 STEPS_PER_PERIOD = 4.0
 
@@ -98,7 +100,9 @@ class CatenaryGuys:
         if not step < limit:
             raise scene_error("step", step, f"below half of the shortest period of the mast, {limit:.6g} s")
         drive, wind = drive_of(mast, self.air, request), None
-        forces = GuyStatics(self.guys, mast.rest.upper).forces.copy()
+        statics = GuyStatics(self.guys, mast.rest.upper)
+        self._warn_of_drag(statics.tensions[:, 1])
+        forces = statics.forces.copy()
         if self.air is not None:
             wind = StaticWind(refined(self._reaction(self.air.velocity)), drive.refined_samples_per_step)
             forces[:, [0, 2]] += self._reaction(self.air.start[None])[0]
@@ -119,6 +123,19 @@ class CatenaryGuys:
                 OutOfRangeWarning,
             )
         return result
+
+    def _warn_of_drag(self, start: np.ndarray) -> None:
+        """Warn of guys whose tensions in still air (guys,) [N] are not those at rest in the mean wind."""
+        at_rest = self.mast.rest.tension[:, 1]
+        excess = np.abs(start - at_rest) - DRAG_COUNTS * at_rest
+        if excess.max(initial=0.0) > 0.0:
+            worst = int(excess.argmax())
+            warn(
+                f"{self.mast.rest.p.guys[worst].key}: static guys are catenaries in still air: guy {worst + 1} starts with "
+                f"{start[worst]:.4g} N, but is at rest in the mean wind with {at_rest[worst]:.4g} N; compare with "
+                'guys="condensed" or guys="chain"',
+                OutOfRangeWarning,
+            )
 
     def _warn_of_slack(self, least: np.ndarray) -> None:
         """Warn of a guy, taut on the straight mast, whose chord becomes shorter than the guy.

@@ -105,8 +105,9 @@ def simulate(
     Warns
     -----
     OutOfRangeWarning
-        If a condensed or a static guy goes slack, for a motion beyond the table of static guys, and for slopes of the mast above
-        a tenth, for which it is no beam of small slopes.
+        If a condensed or a static guy goes slack, for a motion beyond the table of static guys, for static guys whose tension in
+        still air differs by more than 5 % from that at rest in the mean wind, and for slopes of the mast above a tenth,
+        for which it is no beam of small slopes.
     NotConvergedWarning
         If the tolerance is not met.
     UnusualSceneWarning

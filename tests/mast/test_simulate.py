@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 from mast_scenes import WIND, small, windy
@@ -323,6 +325,25 @@ def test_slack_guys_warn(kind):
 
     with pytest.warns(OutOfRangeWarning, match=r"guy\.1: .*slack.*guys=\"chain\""):
         cp.mast.simulate(small(strong), guys=kind)
+
+
+@pytest.mark.parametrize(
+    ("speed", "kind", "ratio"), [(20.0, "catenary", 1.027), (30.0, "catenary", 0.885), (30.0, "chain", 1.0)]
+)
+def test_static_guys_warn_of_the_drag_that_they_leave_out(speed, kind, ratio):
+    def steady(mapping):
+        windy(mapping)
+        mapping["wind"] = {"speed": speed, "direction": [1.0, 0.0, 0.0]}
+
+    scene = small(steady)
+    at_rest = cp.mast.rest(scene).guy_tension[0]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", OutOfRangeWarning)
+        run = cp.mast.simulate(scene, guys=kind, times=[0.0, 0.04])
+    said = [str(item.message) for item in caught if "starts with" in str(item.message)]
+    np.testing.assert_allclose(run.guy_tension[0, 0] / at_rest, ratio, atol=0.01)
+    assert len(said) == (kind == "catenary" and speed > 20.0)
+    assert all(text.startswith("guy.1: static guys are catenaries in still air: guy 1 starts with") for text in said)
 
 
 def test_large_displacements_warn():
