@@ -12,6 +12,7 @@ from typing import Any
 import xarray as xr
 
 from cablepod._inputs import ANY, taken
+from cablepod.conventions import unit_text
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.plots import _page_figures, _page_html, _page_tables, _page_trust
 from cablepod.plots._page_html import Section
@@ -20,6 +21,8 @@ RESULTS = "what study.run returns, a Dataset of this package, or a mapping from 
 ENDINGS = (".html", ".htm")
 #: Stages of results whose numbers are the input, which has a section of its own; those whose numbers figures show.
 INPUT, SHOWN = ("scene", "scenes"), ("modes",)
+#: Dimensions of a design by the keys of its scene in whose place they are.
+OF_STORMS = {"wind.speed": "speed", "wind.direction": "direction", "wind.turbulence.seed": "storm"}
 
 
 def report(
@@ -201,7 +204,23 @@ def _input(datasets: Mapping[str, xr.Dataset]) -> str:
         table = next((found for found in tables if found is not None), None)
     if table is None:
         return _page_html.paragraph("The results do not tell their scene.")
+    for dataset in datasets.values():
+        if str(dataset.attrs.get("stage")) == "design":
+            table = _with_storms(table, dataset)
     return _page_html.paragraph("Values as given, in SI units.", "legend") + _page_html.table(table)
+
+
+def _with_storms(table: _page_html.Table, design: xr.Dataset) -> _page_html.Table:
+    """Return the table of keys of a scene with the values of the wind that a design varies in the place of its own."""
+    rows = []
+    for path, *row in table.rows:
+        varied = OF_STORMS.get(path)
+        if varied in design.dims:
+            attrs = design[varied].attrs
+            values = _page_tables.as_given(design[varied].values.tolist())
+            row = [values, unit_text(attrs["units"]), f"varied: {attrs['long_name']}"]
+        rows.append([path, *row])
+    return table._replace(rows=rows)
 
 
 def _numbers(datasets: Mapping[str, xr.Dataset]) -> Iterator[str]:

@@ -19,6 +19,8 @@ from cablepod.plots._style import private_axes
 DOTS = 150
 #: Size below which bending moments are rounding [N m].
 MIN_MOMENT = 1e-9
+#: Peaks of tensions in storms of which a map is drawn, with the dimension of the guys or ends.
+PEAKS = {"guy_tension_peak": "guy", "tension_peak": "end"}
 #: Variables of ensembles of which a map is drawn, the first that is there.
 MAPPED = ("guy_tension_maximum", "tension_maximum", "utilisation", "fatigue_range")
 
@@ -36,6 +38,7 @@ def drawings(results: Mapping[str, xr.Dataset]) -> Iterator[Drawing]:
     for name, dataset in results.items():
         yield from _of_mast(name, dataset)
         yield from _of_members(name, dataset)
+        yield from _of_storms(name, dataset)
         yield from _of_responses(name, dataset)
         yield from _of_statics(name, dataset)
         if _has(dataset, "wind", "time"):
@@ -131,6 +134,18 @@ def _of_members(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
         yield Drawing(
             f"{name}: {words} of each member", partial(_maps.parameter_map, dataset, drawn, x=x, y=y, hertz=True)
         )
+
+
+def _of_storms(name: str, dataset: xr.Dataset) -> Iterator[Drawing]:
+    """Yield a map of the largest tension of a design over direction and speed of the wind."""
+    for variable, lines in PEAKS.items():
+        if variable in dataset and {"direction", "speed"} <= set(dataset[variable].dims):
+            largest = dataset[variable].max(lines, keep_attrs=True)
+            largest.attrs["long_name"] = f"largest tension of all {lines}s, mean over the storms"
+            yield Drawing(
+                f"{name}: {largest.attrs['long_name']}, over direction and speed of the wind",
+                partial(_maps.parameter_map, largest.to_dataset(), variable, x="direction", y="speed"),
+            )
 
 
 def _varies(values: np.ndarray) -> bool:

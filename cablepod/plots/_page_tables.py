@@ -311,7 +311,7 @@ def input_of(scene: xr.Dataset) -> Table:
     rows = []
     for name in scene.data_vars:
         variable = scene.variables[name]
-        shown = (_of_members if "member" in variable.dims else _given)(variable.values.tolist())
+        shown = (_of_members if "member" in variable.dims else as_given)(variable.values.tolist())
         units = unit_text(str(variable.attrs.get("units", "1")))
         rows.append([dotted(str(name)), shown, units, long_name(str(name), variable)])
     return _table_of_keys(rows)
@@ -335,7 +335,7 @@ def input_from_history(dataset: xr.Dataset) -> Table | None:
     stage = stage_of_scene(dataset)
     if stage is None:
         return None
-    shown = {path: _given(value) for path, value in _paths(stage["parameters"]["scene"])}
+    shown = {path: as_given(value) for path, value in _paths(stage["parameters"]["scene"])}
     for name, varied in dataset.coords.items():
         if varied.dims == ("member",) and dotted(str(name)) != name:
             shown[dotted(str(name))] = _of_members(varied.values)
@@ -370,13 +370,13 @@ def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any
             yield path, value
 
 
-def _given(value: Any) -> str:
+def as_given(value: Any) -> str:
     """Return a value as it was given; of a long list its number of values, least and largest."""
     if isinstance(value, list):
         flat = np.array(value)
         if flat.size > MAX_LIST and flat.dtype.kind in "iuf":
             return _range(flat)
-        return "(" + ", ".join(_given(item) for item in value) + ")"
+        return "(" + ", ".join(as_given(item) for item in value) + ")"
     if isinstance(value, float):
         return f"{value:.10g}"
     return str(value) if str(value) else NOTHING
@@ -385,7 +385,7 @@ def _given(value: Any) -> str:
 def _of_members(values: Any) -> str:
     """Return the range of the numbers of members, or their different words."""
     different = np.unique(values)
-    return _range(different) if different.dtype.kind in "iuf" else _given(different.tolist())
+    return _range(different) if different.dtype.kind in "iuf" else as_given(different.tolist())
 
 
 def _range(values: np.ndarray) -> str:

@@ -68,7 +68,7 @@ def test_design_writes_a_page_with_its_tables(tmp_path, capsys):
     scene, page = tmp_path / "it.toml", tmp_path / "it.html"
     scene.write_text(toml_of(GUSTY))
     arguments = ["design", str(scene), "--out", str(tmp_path / "out"), "--report", str(page)]
-    assert cli.main([*arguments, "--directions", "1", "--speeds", "15", "--storms", "3"]) == 0
+    assert cli.main([*arguments, "--directions", "1", "--speeds", "15,18", "--storms", "3"]) == 0
     captured = capsys.readouterr()
     content = unescape(page.read_text(encoding="utf-8"))
     assert captured.out.rstrip().endswith(f"report    {page}")
@@ -76,6 +76,11 @@ def test_design_writes_a_page_with_its_tables(tmp_path, capsys):
     assert {"Ends of the guy", "Directions and speeds"} <= set(headings)
     assert "<th" in content
     assert "peak low [kN]" in content
+    assert 'alt="design: largest tension of all ends, mean over the storms, over direction and speed' in content
+    rows = {key: value for key, value in re.findall(r"<tr><t[hd][^>]*>([^<]*)</t[hd]><t[hd][^>]*>([^<]*)<", content)}
+    seed = GUSTY["wind"]["turbulence"]["seed"]
+    expected = ("(15, 18)", "(0)", f"({seed}, {seed + 1}, {seed + 2})")  # not the ones of the scene
+    assert tuple(rows[f"wind.{key}"] for key in ("speed", "direction", "turbulence.seed")) == expected
 
 
 def test_stringing_writes_a_page_with_its_figures(tmp_path, capsys):
