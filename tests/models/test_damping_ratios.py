@@ -110,8 +110,18 @@ def test_second_order_remains(model, scheme):
 @pytest.mark.slow
 @pytest.mark.parametrize("model", FULL)
 def test_spatial_chains_have_the_ratio(model):
-    scene, shape = string_from_mode(2, {"ratio": RATIO}, spatial=True)
+    scene, shape = string_from_mode(2, {"ratio": RATIO}, turned=np.pi / 2)
     assert ratio_of(simulate(model, scene, step=1e-3), shape) == pytest.approx(RATIO, rel=5e-3)
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.6])
+@pytest.mark.parametrize("model", [slow("chain"), "cable", "condensed"])
+def test_vibrations_of_equal_frequency_have_the_mean_of_their_ratios(model, turned):
+    # no plane of a string in space differs from another; a matrix that does not either has the mean, by its trace
+    for mode, expected in ((1, 0.04), (2, 0.01)):
+        scene, shape = string_from_mode(mode, {"ratios": [0.02, 0.06, 0.01]}, turned=turned, links=20)
+        options = {} if model == "condensed" else {"scheme": "trapezoidal"}
+        assert ratio_of(simulate(model, scene, step=2e-3, **options), shape) == pytest.approx(expected, rel=0.01)
 
 
 def test_members_of_the_condensed_model_have_the_bits_of_single_runs():

@@ -16,8 +16,11 @@ GUY = {
 }
 
 
-def string_from_mode(mode, damping, *, links=40, amplitude=1e-3, lift=0.0, duration=1.0, spatial=False):
-    """Make a taut string without weight that starts from a mode, whose ends are lifted; returns it with the shape."""
+def string_from_mode(mode, damping, *, links=40, amplitude=1e-3, lift=0.0, duration=1.0, turned=None):
+    """Make a taut string without weight that starts from a mode, whose ends are lifted; returns it with the shape.
+
+    It is a string in space where the plane of the mode is `turned` by an angle [rad] from that of x and y.
+    """
     sigma = np.linspace(0.0, 1.0, links + 1)
     shape = np.stack([0.0 * sigma, np.sin(mode * np.pi * sigma)], axis=1)
     points = np.stack([LENGTH * sigma, 0.0 * sigma], axis=1) + amplitude / mode * shape
@@ -34,10 +37,11 @@ def string_from_mode(mode, damping, *, links=40, amplitude=1e-3, lift=0.0, durat
     if lift:
         path = {"kind": "ramp", "amplitude": lift, "duration": duration}
         scene["motion"] = {"lower": {"y": path}, "upper": {"y": path}}
-    if spatial:
+    if turned is not None:
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(turned), np.sin(turned)]])
         scene["ends"] = {"lower": [0.0, 0.0, 0.0], "upper": [LENGTH, 0.0, 0.0]}
-        scene["initial"] = {"points": np.insert(points, 1, 0.0, axis=1).tolist()}
-        shape = np.insert(shape, 1, 0.0, axis=1)
+        scene["initial"] = {"points": (points @ turn).tolist()}
+        shape = shape @ turn
     return cp.make_scene(scene), shape
 
 
