@@ -260,15 +260,15 @@ def whole_steps_per_second(steps_per_second: float) -> float:
 
 def _unforced_step(run: CondensedRun, omega_squared: float) -> float:
     """Return the first step of a refinement [s] by free vibrations, for a bound of their squared frequency [1/s^2]."""
-    end_time, kappa = run.end_time, run.model.slope_norms_squared
-    longest = end_time / MIN_EXPLICIT_STEPS if end_time > 0.0 else math.inf
-    if run.stable_phase < math.inf:
+    end_time, kappa, is_explicit = run.end_time, run.model.slope_norms_squared, run.stable_phase < math.inf
+    longest = end_time / (MIN_EXPLICIT_STEPS if is_explicit else MIN_STEPS) if end_time > 0.0 else math.inf
+    if is_explicit:
         if run.scheme == FOURTH_ORDER:
             return min(longest, float(fourth_order_step(omega_squared, run.model.chain.p.damping)))
         return min(longest, min(PHASE_PER_STEP, 0.5 * run.stable_phase) / math.sqrt(omega_squared))
     chord_tension = max(run.model.omega_taut_squared(end_time), 1e-300) / kappa.max()
     omega_min = math.sqrt(max(chord_tension, 1e-9 * run.model.chain.p.stiffness) * kappa.min())
-    return min(max(end_time, 1e-300) / MIN_STEPS, PHASE_PER_STEP / omega_min)
+    return min(longest, PHASE_PER_STEP / omega_min)
 
 
 class InitialState(NamedTuple):
