@@ -240,7 +240,7 @@ class CondensedAir:
         SceneError
             Where no equilibrium is found.
         """
-        model, rates = self.model, self.model.initial()[1]
+        model, rates = self.model, self.model.initial_state[1].copy()
         if model.chain.p.initial:
             return model.coordinates(self.start_deflection)[0], rates
         return self.in_mean_wind.rest.copy(), rates
@@ -265,7 +265,7 @@ class CondensedAir:
             Where no equilibrium is found.
         """
         model = self.model
-        q = model.initial()[0][None]
+        q = model.initial_state[0][None]
         static, still = model.static_boundary_data, np.zeros_like(q[0])
         for increment in range(1, INCREMENTS + 1):  # the deflection may change by more than itself, also in sign
             share, rtol = increment / INCREMENTS, DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL

@@ -29,6 +29,10 @@ from cablepod.discretisation._formulas import closure_tension
 from cablepod.discretisation._lifting import line_between
 from cablepod.discretisation._modal_damping import modal_damping
 from cablepod.discretisation._step_limit import largest_frequencies_squared
+from cablepod.errors import SceneError
+
+#: What the modes of a sagging cable have to be, in words.
+MODES_WITH_SAG = "modes that hold it: of condensed.vibration_modes with static_modes=True, of snapshots, or more"
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,23 +166,37 @@ class CondensedModel(Coefficients):
         return np.concatenate(parts, axis=1)
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return initial coordinates and rates (r,), see :attr:`initial_state`."""
+        """Return initial coordinates and rates (r,), see :attr:`initial_state`.
+
+        Raises
+        ------
+        SceneError
+            For a start from equilibrium on modes that have none near the rest of the chain.
+        """
+        if not self.chain.p.initial and self.found_rest is None:
+            raise SceneError(
+                f"modes: given {self.rank}, on which no deflection near that at rest is in equilibrium; allowed: {MODES_WITH_SAG}"
+            )
         q, v = self.initial_state
         return q.copy(), v.copy()
 
     @cached_property
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Initial coordinates and rates; a run from equilibrium starts from that of the model, not of the chain."""
-        p, q = self.chain.p, self.first_guess
-        if q is not None:
-            q = self.equilibrium(q)
+        """Initial coordinates and rates; a run from equilibrium starts from that of the model, not of the chain.
+
+        Without an equilibrium they are those of the chain: the first guess of one in wind.
+        """
+        q = None if self.chain.p.initial else self.found_rest
         if q is None:
             q = self.coordinates(self.start_deflection())[0]
-            if not p.initial:
-                rest = self.equilibrium(q)
-                q = q if rest is None else rest
         rates = self.start_deflection_rates
         return q, np.zeros_like(q) if rates is None else self.momenta(rates[:, None])[0]
+
+    @cached_property
+    def found_rest(self) -> np.ndarray | None:
+        """Coordinates of the equilibrium at the start (r,); None where the modes have none near the rest of the chain."""
+        found = None if self.first_guess is None else self.equilibrium(self.first_guess)
+        return self.equilibrium(self.coordinates(self.start_deflection())[0]) if found is None else found
 
     @cached_property
     def initial_forces(self) -> tuple[np.ndarray, float, float]:
@@ -256,7 +274,7 @@ class CondensedModel(Coefficients):
         """Coordinates at rest in still air (r,), also where the run starts from another shape."""
         p = self.chain.p
         at_rest = replace(self, chain=replace(self.chain, p=replace(p, initial={}))) if p.initial else self
-        return at_rest.initial_state[0]
+        return at_rest.initial()[0]
 
     @cached_property
     def terms(self) -> LeadingTerms:

@@ -118,7 +118,7 @@ def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order
     _check_scene(p)
     moving = p if p.motions else replace(p, motions={("upper", "y"): AT_REST})
     model = model_of(moving, modes, rank=rank, order=order, law="linear")
-    q, v = model.initial()
+    q, v = model.initial_state
     tension = model.force(q, v, model.static_boundary_data)[2]
     return model, float(verlet_step_limit(np.sqrt(model.omega_max_squared(q, model.static_boundary_data, tension))))
 

@@ -11,7 +11,7 @@ import xarray as xr
 from cablepod.chain._start import rest_shape
 from cablepod.condensed._assembly import unit_of
 from cablepod.condensed._kernels_layout import LeadingTerms
-from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._model import MODES_WITH_SAG, CondensedModel
 from cablepod.condensed._newton import leading_forces
 from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._rest_tangent import RestTangent, vibrations
@@ -20,7 +20,7 @@ from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
 from cablepod.periodic._kernels_layout import Forced
-from cablepod.periodic._sag import MODES_WITH_SAG, missing_sag, sag_over_chord
+from cablepod.periodic._sag import missing_sag, sag_over_chord
 from cablepod.pod._normal import check_axis
 
 #: Orders of the condensed model that have periodic responses.

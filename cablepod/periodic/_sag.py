@@ -10,7 +10,6 @@ from cablepod.discretisation._chord_frame import ChordFrame
 
 #: Part of the deflection at rest beyond which modes miss it: two vibration modes of a taut guy, 4 %, have good responses.
 MISSING_SAG = 0.05
-MODES_WITH_SAG = "modes that hold it: of condensed.vibration_modes with static_modes=True, of snapshots, or more"
 
 
 def _rest_deflection(model: CondensedModel) -> np.ndarray:

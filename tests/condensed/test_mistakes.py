@@ -177,3 +177,31 @@ def test_a_stopped_run_that_chose_its_step_has_output_times_only(soft, modes, op
     with pytest.raises(cp.RunStopped) as stopped:
         cp.condensed.simulate(meeting(soft), modes[2], times=[0.5, 4.0], rank=3, **options)
     assert stopped.value.partial.time.values.tolist() == [0.5]
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        *(lambda *a, o=order: cp.condensed.simulate(*a, order=o, outputs=("position",)) for order in ORDERS),
+        lambda *a: cp.condensed.simulate(*a, step=1e-4),
+        cp.condensed.prepare,
+    ],
+    ids=[*ORDERS, "step", "prepare"],
+)
+def test_modes_without_a_rest_are_refused(run):
+    # one vibration mode of a stiff cable holds so little of its sag, that all else of it would be strain
+    scene = cp.make_scene(
+        {
+            "cable": {"axial_stiffness": 1e7, "mass_per_length": 1.0, "horizontal_force": 500.0},
+            "ends": {"lower": [0.0, 0.0], "upper": [40.0, 10.0]},
+            "motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.001, "angular_frequency": 5.0}}},
+            "chain": {"links": 20},
+            "time": {"duration": 0.1, "interval": 0.1},
+        }
+    )
+    with pytest.raises(cp.SceneError, match=r"modes: given 1, .* no deflection near that at rest .*static_modes=True"):
+        run(scene, cp.condensed.vibration_modes(scene, rank=1))
+    modes = cp.condensed.vibration_modes(scene, rank=2, static_modes=True)
+    start = cp.condensed.simulate(scene, modes, order="exact", times=[0.0], outputs=("tension",))
+    # the static modes hold the rest of the linearised cable, whose tensions are 6e-4 from those of the chain
+    assert np.abs(start.tension.values[0] / cp.chain.rest(scene).tension.values - 1.0).max() < 1e-3

@@ -187,7 +187,9 @@ def test_a_sagging_cable_starts_at_the_equilibrium_of_the_chain(order, ratio):
 @pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal", "numerov"])
 def test_the_start_alone_needs_no_step(scheme, soft, modes):
     scene = cp.make_scene(soft)
-    start, stepped = (cp.condensed.simulate(scene, modes[2], scheme=scheme, times=[0.0], **o) for o in ({}, {"step": 1e-4}))
+    start, stepped = (
+        cp.condensed.simulate(scene, modes[2], scheme=scheme, times=[0.0], **o) for o in ({}, {"step": 1e-4})
+    )
     assert np.array_equal(start.position, stepped.position)
 
 
