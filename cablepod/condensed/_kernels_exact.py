@@ -50,11 +50,11 @@ def _subtract_projection(terms, stiffness, slope, f):
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
 def _fill_exact_tangent(terms, work):
-    """Fill the tangent of the forces; overwrite row WEIGHTED_STIFFNESS of the closure, row 1 of the slope rates, and the mass.
+    """Fill the tangent of the forces; overwrite the slope rates, and the mass: its diagonal has the derivatives of H.
 
-    Its diagonal has the derivatives of H by the coordinates.
+    At constant N the force N / zeta' w' along a normal changes with the slopes along both, as zeta' does.
     """
-    (r, m), closure, slope, by_slope = terms.slopes.shape, work.closure, work.slope, work.slope_rate[1]
+    (r, m), closure, slope, (weights, by_slope) = terms.slopes.shape, work.closure, work.slope, work.slope_rate
     stretch, tangent, tension_change, compliance = work.stretch[0], work.tangent, work.mass, 0.0
     for j in range(m):
         compliance += terms.weights[j] * closure[COMPLIANCE, j]
@@ -66,16 +66,19 @@ def _fill_exact_tangent(terms, work):
         for j in range(m):
             total += terms.weights[j] * by_slope[j] * slope[k, j] * terms.slopes[i, j]
         tension_change[i, i] = total / compliance
-    for j in range(m):
-        closure[WEIGHTED_STIFFNESS, j] *= 1.0 + by_slope[j] * closure[SLOPE_SQUARED, j] / stretch[j]
-    for i in range(r):
-        for j in range(i + 1):
-            total = 0.0
-            if (i < terms.in_plane) == (j < terms.in_plane):
+    for a, b in ((0, 0), (1, 0), (1, 1)):  # normals
+        for k in range(m):
+            stiffness = closure[WEIGHTED_STIFFNESS, k]
+            weights[k] = stiffness * by_slope[k] * slope[a, k] * slope[b, k] / stretch[k] + (
+                stiffness if a == b else 0.0
+            )
+        for i in range(terms.in_plane if a else 0, r if a else terms.in_plane):
+            for j in range(terms.in_plane if b else 0, i + 1 if a == b else terms.in_plane):
+                total = 0.0
                 for k in range(m):
-                    total += closure[WEIGHTED_STIFFNESS, k] * terms.slopes[i, k] * terms.slopes[j, k]
-            tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
-            tangent[j, i] = tangent[i, j]
+                    total += weights[k] * terms.slopes[i, k] * terms.slopes[j, k]
+                tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
+                tangent[j, i] = tangent[i, j]
 
 
 @compiled(fastmath=REORDERED_FUSED, counted=False)
