@@ -172,7 +172,7 @@ def backbone(*backbones: xr.Dataset, ax: Axes | None = None) -> Axes:
     for k, (omega, size) in enumerate(lines):
         attrs = backbones[k].attrs
         label = str(attrs.get("title", f"backbone {k + 1}"))
-        if "mode" in attrs:
+        if {"mode", "motion"} <= attrs.keys():
             label += f", mode {attrs['mode']}, {attrs['motion']}"
         ax.plot(omega, size, label=label, **_style.style(k, k, omega.size))
     ax.set(xlabel="angular frequency of the free vibration [rad/s]", ylabel="largest deflection from its mean [m]")

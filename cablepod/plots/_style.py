@@ -250,6 +250,7 @@ def curves(
 
 def normal_deflection(key: str, position: np.ndarray, *, across: bool = False) -> np.ndarray:
     """Return deflections (time, particle) [m] normal to the chord, in the plane of chord and y or across it."""
+    position = np.ascontiguousarray(position)  # the memory order decides on the last bits of sums
     chord = position[:, -1] - position[:, 0]
     length = np.linalg.norm(chord, axis=1)
     if not length.all():

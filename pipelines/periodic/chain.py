@@ -83,6 +83,14 @@ class ChainModel:
         """Mass-proportional damping without dimension."""
         return float(self.chain.p.damping) / self.scales[0]
 
+    #: The studies have damping by mass alone.
+    is_damped_beside_mass = False
+
+    @property
+    def slowest_decays(self) -> tuple[float, float]:
+        """Rates at which the slowest disturbance about rest decays, without dimension: of what the forcing moves, and of all."""
+        return 0.5 * self.damping, 0.5 * self.damping
+
     @cached_property
     def mass(self) -> np.ndarray:
         """Masses of the free particles (n - 1,) [kg]."""

@@ -105,6 +105,8 @@ def test_every_function_is_altered_and_every_alteration_applies():
         Attempt("plots.animate_mast", True, 0, "values: nan", -1),
         Attempt("archive.write", False, 0, "attribute: array", -5),
         Attempt("compare.errors", True, 0, "dimension_added", -5),
+        Attempt("plots.backbone", True, 0, "attribute_dropped", -9),
+        Attempt("plots.shapes/deflection", True, 1, "arrays: Fortran order", 943869933),
         Attempt("pod.project/normal", True, 1, "variable_dropped", -9),
         Attempt("pod.reconstruct/normal", True, 0, "variable_dropped", -2),
         Attempt("pod.reconstruct/normal", True, 0, "variable_mean", -2),
